@@ -4,7 +4,7 @@
     pip install mavsdk==4.1.0
     python examples/ground_station.py               # in another
 
-It exits with 1 if the vehicle does not do what docs/ground-station.md says.
+It exits with 1 if the vehicle does not do what `ironbird docs ground-station` says.
 """
 
 import sys

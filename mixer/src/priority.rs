@@ -38,7 +38,7 @@ impl<const THRUST_FIRST: bool> Law for Prioritised<THRUST_FIRST> {
             "saturates by priority: roll and pitch, then a reserve of 15 % for yaw, then thrust, then the rest of yaw"
         },
         source: "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
-                 Vehicle, (6), (7) inverted; docs/paper.md lists the differences",
+                 Vehicle, (6), (7) inverted; `ironbird docs paper` lists the differences",
         settings: &[],
         presets: &[],
         suited: None,

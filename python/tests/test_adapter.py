@@ -202,7 +202,7 @@ def test_a_broken_file_is_refused_in_few_words(ironbird_command, law, text, said
     ("answer", "said"),
     [
         ("{}['gain']", "{file}:6: KeyError: 'gain'"),
-        ("None", "TypeError: {file}:3: `law` at tick 300 gave nothing; it gives (thrust_n, torque_b_nm)"),
+        ("None", "TypeError: {file}:3: `law` at tick 300 gave nothing; return (thrust_n, torque_b_nm[3])"),
         ("(5.0, [0, float('nan'), 0])", "ValueError: {file}:3: `law` at tick 300 gave torque_b_nm = [0, nan, 0]; expected"),
         ("sys.exit('enough')", "{file}:6: SystemExit: enough"),
     ],

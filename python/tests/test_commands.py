@@ -130,6 +130,7 @@ def test_a_comparison_has_a_row_per_case(rig):
 def test_margins_have_their_limits(rig):
     table = ironbird.margin(only="inner", phases=1, trajectory="hover", longest="5ms")
     assert [(row["kind"], row["of"], row["survives"]) for row in table] == [("outage", "inner", 5)]
+    assert table.column("untried") == ["unnoticed, recovers, survives"]
     # The names of the limits are those of the report, in its order.
     source = (ROOT / "bench" / "analysis" / "src" / "margin.rs").read_text()
     assert json.dumps(list(ironbird.LIMITS)) in source

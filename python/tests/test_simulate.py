@@ -37,6 +37,16 @@ def test_a_flight_is_that_of_the_executable(ironbird_command, keywords, flags):
     assert f"ticks={len(flight.t)} outputs={flight.fingerprint} " in result
 
 
+def test_an_unknown_keyword_gets_the_nearest_one():
+    for call, said in [
+        (lambda: ironbird.simulate(fault="mass_kg=+30%@8s"), r"simulate\(\) has no keyword `fault`; did you mean `faults`\?"),
+        (lambda: ironbird.simulate(duration=1), "did you mean `duration_s`"),
+        (lambda: ironbird.read(where="runs"), "read.. has no keyword `where`; there are run, out$"),
+    ]:
+        with pytest.raises(TypeError, match=said):
+            call()
+
+
 def test_arrays_have_a_row_per_tick_and_a_unit():
     flight = ironbird.simulate("lissajous", 0.5, faults=["mass_kg=0.6,rotor_efficiency_3=0.9@200ms"])
     assert flight.t.tolist() == [tick * 1e-3 for tick in range(501)]

@@ -147,7 +147,7 @@ fn unless_lost(lost: u64, gate: Gate) -> Gate {
         0 => gate,
         _ => Gate {
             held: false,
-            value: format!("{}, and {lost} messages were not seen", gate.value),
+            value: format!("{}, and {} not seen", gate.value, count(lost, "message")),
             ..gate
         },
     }
@@ -565,6 +565,6 @@ mod tests {
         check(|it| it.run.wall_period_us = 0.0, lockstep, 5);
         // Fresh commands, wake-up, loop, errors, effort and theorem are measured from messages.
         let lost: Change = |it| it.recorder.lost = [("state".to_owned(), 3)].into();
-        check(lost, ", and 3 messages were not seen", 8);
+        check(lost, ", and 3 messages not seen", 8);
     }
 }

@@ -9,6 +9,7 @@ use crate::gates::{
 };
 use crate::lines::{Lines, line_of};
 use crate::spread::{SOBOL_DIMENSIONS, SOBOL_FLIGHTS};
+use analysis::phrase::count;
 use errors::{Failure, of_toml};
 use faults::ValueType;
 use messages::parameters::{Parameter, did_you_mean, nearest};
@@ -46,7 +47,7 @@ pub fn read(text: &str) -> Result<Campaign, Failure> {
     let failure = |mistakes: &[(usize, String)]| {
         let line = |(line, mistake): &(usize, String)| format!("line {line}: {mistake}");
         let lines: Vec<String> = mistakes.iter().map(line).collect();
-        Failure::usage(lines.join("; ")).help("docs/campaigns.md explains the file")
+        Failure::usage(lines.join("; ")).help("`ironbird docs campaigns` explains the file")
     };
     let unread = |e: toml::de::Error| {
         let line = line_of(text, e.span().unwrap_or_default().start);
@@ -587,7 +588,7 @@ impl Reader {
         }
         let flights = self.flights;
         if cells > flights {
-            let fewer = format!("{flights} flights leave some of them out");
+            let fewer = format!("{} cannot cover them", count(flights, "flight"));
             let mistake = format!("the grids have {cells} cells, and {fewer}");
             self.mistake("campaign.flights", mistake);
         }

@@ -18,8 +18,9 @@ const DRAWN: usize = 12;
 
 /// The document; `directory` is named in the command that flies the worst flights again.
 pub fn document(results: &CampaignResults, directory: &str) -> Document {
-    let (name, flights, planned) = (&results.name, results.flights, results.planned);
-    let part = (flights != planned).then(|| format!(" of {planned}"));
+    let (name, planned) = (&results.name, results.planned);
+    let flights = count(results.flights, "flight");
+    let part = (results.flights != planned).then(|| format!(" of {planned}"));
     let part = part.unwrap_or_default();
     let arms = count(results.arms.len() as u64, "arm");
     let sections = [
@@ -31,11 +32,11 @@ pub fn document(results: &CampaignResults, directory: &str) -> Document {
         Some(worst(results, directory)),
     ];
     Document {
-        title: format!("{name}: a campaign of {flights} flights"),
+        title: format!("{name}: a campaign of {flights}"),
         heading: name.clone(),
         build: results.build.clone(),
         lead: vec![
-            Block::Paragraph(format!("{name}: {flights} flights{part}, each by {arms}")),
+            Block::Paragraph(format!("{name}: {flights}{part}, each by {arms}")),
             Block::Note(format!("Fingerprint {}", results.campaign)),
         ],
         sections: sections.into_iter().flatten().collect(),
@@ -119,8 +120,9 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
         let Discordant { first: one, second: other } = pair.discordant;
         let p = short(pair.p_value);
         format!(
-            "{first} - {second}: success {mean:+.2} points ({low:+.2} to {high:+.2}); {one} and {other} flights that \
-             one alone flew, p = {p}"
+            "{first} - {second}: success {mean:+.2} points ({low:+.2} to {high:+.2}); {first} alone succeeded in {}, \
+             {second} alone in {other}, p = {p}",
+            count(one, "flight")
         )
     });
     let means = results.pairs.iter().flat_map(|pair| {

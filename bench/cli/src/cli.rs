@@ -34,7 +34,7 @@ pub use interaction::{
     BridgeTo, FoxgloveArgs, InjectArgs, MavlinkArgs, PageArgs, ParamsArgs, SwitchArgs, WatchArgs,
 };
 pub use machine::{
-    CleanArgs, CompletionsArgs, CpuLoadArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs,
+    CleanArgs, CompletionsArgs, CpuLoadArgs, DocsArgs, DoctorArgs, FloorArgs, HopArgs, ManArgs,
 };
 pub use records::{
     DiffArgs, DiffFormat, ExportArgs, ExportFormat, Format, ReplayArgs, ReportArgs, ReportCommand,
@@ -143,8 +143,8 @@ Example:
     Doctor(DoctorArgs),
     /// Remove what killed processes left behind: shared memory, locks, service files.
     Clean(CleanArgs),
-    /// Print the folder with the documentation and the examples: cp -r "$(ironbird docs)/examples" .
-    Docs,
+    /// Print a page of the documentation; without PAGE, the folder with all of it and the examples.
+    Docs(DocsArgs),
     /// Print shell completions: ironbird completions bash > /etc/bash_completion.d/ironbird
     Completions(CompletionsArgs),
     /// Print the manual page: ironbird man | man -l -

@@ -10,10 +10,11 @@ use messages::role::Role;
 use messages::telemetry::LAW_ROLES;
 use plugin::Library;
 
-use config::law_settings::{DEFAULT_PRESET, known, nearest_first};
+use config::law_settings::{DEFAULT_PRESET, known, meant_or_known};
 use errors::output::print;
 use errors::{Failure, GATE, OK};
 use plugin::trial::{self, ANSWER, BadAnswer, Candidate, Findings, HOT, INPUTS, Watchdog};
+use render::document::{Table, row};
 
 /// Flags of `laws`.
 #[derive(Clone, Debug, Args)]
@@ -35,8 +36,9 @@ pub fn laws(args: &LawsArgs) -> Result<u8, Failure> {
         }
         Some(name) => {
             let law = all.iter().find(|law| law.name == name).ok_or_else(|| {
-                let names = nearest_first(name, all.iter().map(|law| law.name).collect());
-                Failure::usage(format!("no law is named `{name}`; there are {names}"))
+                let names: Vec<&str> = all.iter().map(|law| law.name).collect();
+                let names = meant_or_known(name, &names);
+                Failure::usage(format!("no law is named `{name}`{names}"))
                     .help("`ironbird laws` lists them with their roles")
             })?;
             print(&explanation(law))?;
@@ -46,13 +48,11 @@ pub fn laws(args: &LawsArgs) -> Result<u8, Failure> {
 }
 
 fn list(all: &[&Description]) -> String {
-    let mut text = format!("{:<6} {:<12} what it is\n", "role", "law");
-    for law in all {
-        let (role, name, source) = (law.role.to_string(), law.name, law.source);
-        text += &format!("{role:<6} {name:<12} {}\n", law.summary);
-        text += &format!("{:<19} {source}\n", "");
-    }
-    text + "fly one with --outer, --inner or --mixer NAME; `ironbird laws NAME` explains its settings\n"
+    let rows = all
+        .iter()
+        .map(|law| row([&law.role, &law.name, &law.summary]));
+    Table::new(["role", "law", "what it is"], rows).list_within(80)
+        + "fly one with --outer, --inner or --mixer NAME; `ironbird laws NAME` explains it\n"
 }
 
 fn explanation(law: &Description) -> String {

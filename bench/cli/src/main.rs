@@ -69,7 +69,7 @@ fn run(cli: &Cli) -> Result<u8, Failure> {
         Command::Floor(args) => floor::floor(args),
         Command::Doctor(args) => doctor::doctor(args),
         Command::Clean(args) => clean::clean(*args),
-        Command::Docs => manual::docs(),
+        Command::Docs(args) => manual::docs(args),
         Command::Completions(args) => manual::completions(args),
         Command::Man(args) => manual::man(args),
         Command::Plant(args) => roles::play(Role::Plant, args),

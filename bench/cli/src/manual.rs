@@ -1,19 +1,21 @@
 //! `ironbird completions` and `ironbird man`: generated from the command line's definition.
 
 use std::fs;
+use std::path::Path;
 
 use clap::{Command, CommandFactory as _};
 use clap_mangen::Man;
 
-use crate::cli::{Cli, CompletionsArgs, ManArgs};
+use crate::cli::{Cli, CompletionsArgs, DocsArgs, ManArgs};
 use crate::export::create_for;
+use config::law_settings::meant_or_known;
 use errors::output::print;
-use errors::{Failure, InFile as _, OK};
+use errors::{Failure, InFile as _, OK, read_text};
 
 const NAME: &str = "ironbird";
 
-/// Prints where the pages are: in a package beside the executable, or in the source tree that it was built in.
-pub fn docs() -> Result<u8, Failure> {
+/// Prints a page, or where they are: in a package beside the executable, or in the source tree that it was built in.
+pub fn docs(args: &DocsArgs) -> Result<u8, Failure> {
     let executable = std::env::current_exe().unwrap_or_default();
     let places = ["../share/doc/ironbird", "../.."].iter();
     let mut folders =
@@ -24,8 +26,30 @@ pub fn docs() -> Result<u8, Failure> {
             "it is in share/doc/ironbird of each package, and in the folder docs of the source tree",
         )
     })?;
-    print(&format!("{}\n", folder.display()))?;
+    let Some(page) = &args.page else {
+        print(&format!("{}\n", folder.display()))?;
+        return Ok(OK);
+    };
+    print(&page_of(&folder.join("docs"), page)?)?;
     Ok(OK)
+}
+
+/// The text of a page in the folder of the pages.
+pub fn page_of(pages: &Path, name: &str) -> Result<String, Failure> {
+    let path = pages.join(format!("{name}.md"));
+    if path.is_file() {
+        return read_text("read the page", &path);
+    }
+    let files = fs::read_dir(pages).in_file("read", pages)?.flatten();
+    let names = files.filter_map(|it| it.file_name().into_string().ok());
+    let mut names: Vec<String> = names
+        .filter_map(|name| name.strip_suffix(".md").map(str::to_owned))
+        .collect();
+    names.sort();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let known = meant_or_known(name, &names);
+    let what = format!("no page is named `{name}`{known}");
+    Err(Failure::usage(what).help("`ironbird docs` prints the folder with all pages"))
 }
 
 pub fn completions(args: &CompletionsArgs) -> Result<u8, Failure> {

@@ -5,7 +5,9 @@ use crate::refusals;
 use crate::rig::{Rig, ironbird, lacks_tool};
 use clap::Parser as _;
 use clap::error::ErrorKind;
+use errors::USAGE;
 use ironbird::cli::Cli;
+use ironbird::manual::page_of;
 use std::fs;
 use std::process::Command;
 
@@ -168,6 +170,24 @@ fn commands(page: &str) -> Vec<Vec<String>> {
             .collect()
     };
     all.map(words).collect()
+}
+
+#[test]
+fn helps_name_pages_as_the_executable_prints_them() {
+    let docs = root().join("docs");
+    for refusals in fs::read_dir(root().join("bench/cli/tests/refusals")).unwrap() {
+        let refusals = fs::read_to_string(refusals.unwrap().path()).unwrap();
+        for help in refusals.lines().filter(|line| line.starts_with(" help: ")) {
+            assert!(!help.contains("docs/"), "{help}");
+            let named = quoted(help).into_iter();
+            for page in named.filter_map(|it| it.strip_prefix("ironbird docs ")) {
+                page_of(&docs, page).unwrap();
+            }
+        }
+    }
+    let failure = page_of(&docs, "campagns").unwrap_err();
+    let said = "no page is named `campagns`; did you mean `campaigns`?";
+    assert_eq!((failure.code, failure.to_string().as_str()), (USAGE, said));
 }
 
 #[test]

@@ -44,7 +44,7 @@ pub(super) fn design(name: &str) -> Result<Design, Failure> {
         None if is_file(name) => {
             let text = text_of(Path::new(name)).map_err(|e| {
                 Failure::usage(format!("cannot read the airframe file {name}: {e}"))
-                    .help("name a file that you can read; docs/airframes.md has one to begin with")
+                    .help("name a file that you can read; `ironbird docs airframes` has one to begin with")
             })?;
             let sha256 = sha256_of(&text);
             (text, sha256)
@@ -63,7 +63,7 @@ pub(super) fn design(name: &str) -> Result<Design, Failure> {
     };
     let design = read(&text).map_err(|mistakes| {
         Failure::usage(format!("airframe file {name}: {}", mistakes.join("; "))).help(
-            "docs/airframes.md has the format; `ironbird params` lists names, units and ranges",
+            "`ironbird docs airframes` has the format; `ironbird params` lists names, units and ranges",
         )
     })?;
     Ok(Design { sha256, ..design })
@@ -314,7 +314,8 @@ pub(super) fn paper() -> BTreeMap<String, f64> {
 
 /// The section `[airframe]` as text, for the commented settings.
 pub(super) fn commented(values: &BTreeMap<String, f64>) -> String {
-    let about = "What the airframe was built with: its ranges follow from it (docs/airframes.md).";
+    let about =
+        "What the airframe was built with: its ranges follow from it (`ironbird docs airframes`).";
     let mut text = format!("\n# {about}\n[airframe]\n");
     for spec in &SPECS {
         let value = values.get(spec.name).copied().unwrap_or(spec.nominal);

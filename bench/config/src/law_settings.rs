@@ -14,7 +14,7 @@ use messages::telemetry::LAW_ROLES;
 use plugin::Library;
 use toml::{Table, Value};
 
-pub use super::toml_access::nearest_first;
+pub use super::toml_access::meant_or_known;
 use super::toml_access::{coerce, kind, utf8};
 use analysis::laws::NotFinite;
 use analysis::schema::{LawSection, SignalSection};
@@ -158,9 +158,10 @@ pub(super) fn named(role: Role, name: Option<&Value>, moved: &Moved) -> Result<C
     match known.iter().find(|law| law.name == text) {
         Some(law) => Ok(Chosen::BuiltIn(law)),
         None => Err(refused(format!(
-            "there is no {role} law of that name; there are {}; write ./{text} for a file",
-            nearest_first(text, known.iter().map(|law| law.name).collect())
-        ))),
+            "there is no {role} law of that name{}",
+            meant_or_known(text, &known.iter().map(|law| law.name).collect::<Vec<_>>())
+        ))
+        .help(format!("{EXPLAINED}; write ./{text} for a file"))),
     }
 }
 

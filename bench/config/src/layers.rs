@@ -21,7 +21,7 @@ use crate::overrides::{self, Overrides, PRESET};
 use crate::toml_access::{
     DEFAULT_TABLE, coerce, example, kind, nearest, place_path, place_paths, table, text, text_of,
 };
-use errors::{Failure, TOO_LARGE, of_toml};
+use errors::{Failure, of_toml};
 
 /// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
 /// each of its flights.
@@ -291,8 +291,9 @@ impl Layers<'_> {
             };
             let (section, key) = key.split_once('.').unwrap_or((key, ""));
             if section == "airframe" {
-                return Err(here(flag, format!("{section}.{key} cannot be set"))
-                    .help("write an airframe file: --airframe FILE.toml (docs/airframes.md)"));
+                return Err(here(flag, format!("{section}.{key} cannot be set")).help(
+                    "write an airframe file: --airframe FILE.toml (`ironbird docs airframes`)",
+                ));
             }
             if is_own_preset(section, key) {
                 continue;
@@ -541,10 +542,11 @@ pub(super) fn read(path: &Path) -> Result<Table, Failure> {
         })?;
     let place = origin(Some(path));
     text.parse().map_err(|e: toml::de::Error| {
-        match e.span().filter(|_| of_toml(e.message()) == TOO_LARGE) {
+        let what = of_toml(e.message());
+        match e.span().filter(|_| what != e.message()) {
             Some(span) => {
                 let line = airframe::line_of(&text, &span);
-                here(&place, format!("line {line}: {TOO_LARGE}"))
+                here(&place, format!("line {line}: {what}"))
             }
             None => here(&place, e),
         }

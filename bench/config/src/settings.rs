@@ -165,7 +165,7 @@ pub struct PlantSection {
 impl PlantSection {
     pub(crate) const SECTION: Section = section! { rows "plant"
         "The true airframe at tick 0. `ironbird inject` changes it in flight; noise, bias and delay of 0 mean none."
-        /// Runge-Kutta steps per tick: fewer are faster and less accurate (docs/plant.md).
+        /// Runge-Kutta steps per tick: fewer are faster and less accurate (`ironbird docs plant`).
         substeps = "4", in Allowed::Counts(&[1, 2, 4]);
     }
     .with(|_| true);
@@ -294,7 +294,7 @@ section! { "recorder" "The recorder. Gates: exit code 3 if one fails or measured
         max_agitation_rad_s: f64 = "-1.0", in Allowed::Limit, flag gate("--max-agitation", "RAD_S", Group::FlightGates);
         /// Maximum share of the loops' CPU time that the host steals [%].
         max_steal_percent: f64 = "-1.0", in Allowed::Share, flag gate("--max-steal", "PERCENT", Group::TimingGates);
-        /// The theorem must hold without an unexplained violation (docs/theorem.md).
+        /// The theorem must hold without an unexplained violation (`ironbird docs theorem`).
         gate_theorem: bool = "false";
         /// The theorem must hold, and a broken assumption of it excuses nothing.
         gate_theorem_strict: bool = "false";

@@ -307,6 +307,7 @@ fn keys_set_beside_sections_have_the_type_of_the_default() {
 /// A settings file, with `; ` between its lines, and a part of the error.
 #[rustfmt::skip]
 const REFUSED: &[(&str, &str)] = &[
+    ("[inner]; [outer]; [inner]", "line 3: this section or key is in the file twice: write it once"),
     ("[flihgt]", "unknown section [flihgt]; did you mean `flight`?"),
     ("[inner]; alpha = 3", r#"unknown key `inner.alpha` of the law "adaptive"; did you mean `alpha_1_s`?"#),
     (r#"[inner]; law = "fixed"; adaptation = "on""#, r#"unknown key `inner.adaptation` of the law "fixed""#),
@@ -316,7 +317,7 @@ const REFUSED: &[(&str, &str)] = &[
     (r#"[flight]; faults = "x""#, r#"flight.faults = "x": expected a list of strings, as in ["rotational_drag_nm_s=0.315@8s"]"#),
     (r#"[inner]; adaptation = "maybe""#, r#"inner.adaptation = "maybe" is out of range: allowed is "on" or "off""#),
     ("[inner]; predictor_ticks = 0.5", "inner.predictor_ticks = 0.5: allowed are 0"),
-    (r#"[inner]; law = "fixt""#, r#"inner.law = "fixt": there is no inner law of that name; there are fixed, ardupilot-json, pid, indi,"#),
+    (r#"[inner]; law = "fixt""#, r#"inner.law = "fixt": there is no inner law of that name; did you mean `fixed`?"#),
     ("[mixer]; law = 3", r#"mixer.law = 3: expected a string, as in "roll_pitch_first""#),
     ("[outer]; tilt_max_rad = 2", "outer.tilt_max_rad = 2.0 is out of range: allowed is 0.001 to 1.5 rad"),
     ("[rotor]; max_rad_s = 200", "the airframe cannot hover"),

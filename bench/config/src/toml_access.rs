@@ -82,10 +82,12 @@ pub(super) fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a String>) -
     did_you_mean(parameters::nearest(name, known.map(String::as_str)))
 }
 
-/// Names, the nearest to what was typed first.
-pub fn nearest_first(name: &str, mut known: Vec<&str>) -> String {
-    known.sort_by(|a, b| strsim::jaro_winkler(b, name).total_cmp(&strsim::jaro_winkler(a, name)));
-    known.join(", ")
+/// The end of an error about a name that is not known: the one that may have been meant, or else all.
+pub fn meant_or_known(name: &str, known: &[&str]) -> String {
+    match parameters::nearest(name, known.iter().copied()) {
+        None => format!("; there are {}", known.join(", ")),
+        meant => did_you_mean(meant),
+    }
 }
 
 /// Makes relative paths start at a folder: that of the file that has them, or the working directory.

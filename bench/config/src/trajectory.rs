@@ -82,7 +82,7 @@ impl PointsFile {
     pub fn read(path: &str, tolerance: f64) -> Result<Self, Failure> {
         let unread = |why: &dyn fmt::Display| {
             Failure::usage(format!("cannot read the trajectory file {path}: {why}"))
-                .help("name a CSV file that you can read; docs/airframes.md has the format")
+                .help("name a CSV file that you can read; `ironbird docs airframes` has the format")
         };
         let bytes = bytes_of(Path::new(path), MOST_BYTES).map_err(|e| unread(&e))?;
         let text = String::from_utf8(bytes).map_err(|e| {
@@ -94,7 +94,7 @@ impl PointsFile {
         })?;
         Self::of(text, tolerance).map_err(|why| {
             Failure::usage(format!("trajectory file {path}: {why}")).help(format!(
-                "a first line {HEADER} and a line per point, in s, m and rad; see docs/airframes.md"
+                "a first line {HEADER} and a line per point, in s, m and rad; see `ironbird docs airframes`"
             ))
         })
     }

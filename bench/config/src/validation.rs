@@ -183,7 +183,7 @@ impl Settings {
         self.rig()?.check().map_err(refused)?;
         if let Some(why) = impossible_body(&self.airframe()?.as_built()) {
             return Err(Failure::usage(format!("airframe.{why}"))
-                .help("correct the section [airframe]; docs/airframes.md has the format"));
+                .help("correct the section [airframe]; `ironbird docs airframes` has the format"));
         }
         for role in LAW_ROLES {
             self.check_law(role, asks)?;

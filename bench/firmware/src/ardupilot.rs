@@ -29,7 +29,7 @@ pub const PORT: Port = Port {
         role: Role::Inner,
         version: "1",
         summary: "ArduPilot Copter, as a program of its own that flies its own mode, from position to motors",
-        source: "ArduPilot, libraries/SITL/SIM_JSON.cpp, over UDP; docs/firmware.md",
+        source: "ArduPilot, libraries/SITL/SIM_JSON.cpp, over UDP; `ironbird docs firmware`",
         settings: &[UDP_PORT, ANSWER_LIMIT, LOCKSTEP_ARMING_LIMIT_S, PRIORITY],
         presets: &[],
         suited: None,

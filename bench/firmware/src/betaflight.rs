@@ -32,7 +32,7 @@ pub const PORT: Port = Port {
         role: Role::Inner,
         version: "1",
         summary: "Betaflight, as a program of its own: attitude and rate loop in ANGLE mode, and its mixer",
-        source: "Betaflight 4.6.0, simulator target, over UDP; docs/firmware.md",
+        source: "Betaflight 4.6.0, simulator target, over UDP; `ironbird docs firmware`",
         settings: bridge::SETTINGS,
         presets: &[],
         suited: None,

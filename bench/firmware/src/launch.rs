@@ -66,7 +66,7 @@ pub fn executable(port: &Port) -> Result<Option<PathBuf>, Refused> {
     {
         Some(missing) => Err(Refused(format!(
             "{}: there is no {}; build it with bench/firmware/fetch, or name the executable with {} \
-             (docs/firmware.md)",
+             (`ironbird docs firmware`)",
             port.description.name,
             missing.display(),
             port.variable
@@ -338,10 +338,10 @@ impl Launch {
         let limit_s = limit.as_secs_f64();
         Err(self.refused(match words {
             Some(words) => format!(
-                "it was started {starts} times and sent no motor commands within {limit_s} s; it wrote last: {words}"
+                "it sent no motor commands within {limit_s} s of its start (attempts: {starts}); it wrote last: {words}"
             ),
             None => format!(
-                "no firmware has connected to port {} within {limit_s} s: start it beside the flight (docs/firmware.md), or wait \
+                "no firmware has connected to port {} within {limit_s} s: start it beside the flight (`ironbird docs firmware`), or wait \
                  longer with --set inner.arming_limit_s=SECONDS",
                 self.number
             ),

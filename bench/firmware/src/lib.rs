@@ -80,7 +80,7 @@ pub fn to_start(law: &str, settings: &Settings) -> Option<String> {
     let [number, limit_s] =
         [&UDP_PORT, &ARMING_LIMIT_S].map(|it| settings.number(port.setting(it)));
     Some(format!(
-        "{law} waits {limit_s} s for a firmware at port {number}: start it beside the flight (docs/firmware.md)"
+        "{law} waits {limit_s} s for a firmware at port {number}: start it beside the flight (`ironbird docs firmware`)"
     ))
 }
 

@@ -44,7 +44,7 @@ pub const PORT: Port = Port {
         role: Role::Inner,
         version: "1",
         summary: "PX4, as a program of its own that flies its own mode, from position to motors",
-        source: "PX4, src/modules/simulation/simulator_mavlink, over TCP; docs/firmware.md",
+        source: "PX4, src/modules/simulation/simulator_mavlink, over TCP; `ironbird docs firmware`",
         settings: &[TCP_PORT, ANSWER_LIMIT, LOCKSTEP_ARMING_LIMIT_S, PRIORITY],
         presets: &[],
         suited: None,

@@ -21,6 +21,7 @@ use ipc::instance::Instance;
 use process::signals::stop_flag;
 
 use crate::observation::DRAIN_EVERY;
+use analysis::phrase::count;
 use analysis::schema::NOT_FRESH;
 use analysis::series::{Series, Statistics};
 use dashboard_model::{Model, WatchedFlight};
@@ -45,7 +46,8 @@ pub fn watch(instance: &str, is_plain: bool, launcher: Option<u32>) -> Result<u8
 
 /// Prints lines until the flight ends.
 fn print_lines(model: &mut Model, feed: &mut Feed, stop: &AtomicBool) -> Result<u8, Failure> {
-    if !model.launched {
+    feed.update(model)?;
+    if !model.launched && model.flight.is_none() {
         let instance = &model.instance;
         say(&format!(
             "waiting for instance `{instance}` to fly (ironbird fly)\n"
@@ -94,6 +96,6 @@ fn line(flight: &WatchedFlight) -> String {
     }
     match flight.lost() {
         0 => line,
-        lost => format!("{line}   not seen {lost} messages"),
+        lost => format!("{line}   not seen {}", count(lost, "message")),
     }
 }

@@ -432,7 +432,7 @@ impl LogReader {
                 return Err(Failure::failed(format!(
                     "{path} was written by another version of ironbird, {build}: {name} `{theirs}`, here `{ours}`"
                 ))
-                .help("use that version; the schemas in the log let any MCAP reader read it (docs/recording.md)"));
+                .help("use that version; the schemas in the log let any MCAP reader read it (`ironbird docs recording`)"));
             }
         }
         Ok(())

@@ -134,9 +134,9 @@ fn attitude_errors(comparison: &Comparison) -> Section {
 fn recovery(comparison: &Comparison) -> Option<Section> {
     let flight = &comparison.flight;
     let faults = flight.faults.iter();
-    let columns = faults.map(|fault| format!("{:.3} s", fault.time_s));
+    let columns = faults.map(|fault| format!("fault at {:.3} s", fault.time_s));
     let title = format!(
-        "Recovery from the fault at: when the true errors stay below {} m and {} rad of yaw: for at least \
+        "Recovery: time from each fault until the true errors stay below {} m and {} rad of yaw for at least \
          {STAYING_S} s and {:.0} % of the time after the fault, and longer than they were below before",
         flight.bound_m,
         flight.bound_yaw_rad,

@@ -4,7 +4,7 @@
 //! read charts out, zoom them, and move the vehicle.
 
 use crate::plot::{Chart, STYLE};
-use comfy_table::{CellAlignment, presets};
+use comfy_table::{CellAlignment, ContentArrangement, presets};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use std::fmt::Display;
 
@@ -354,16 +354,23 @@ impl Table {
 
     /// With the names of the rows indented below that of their column, and columns of numbers to the right.
     pub fn text(&self) -> String {
-        self.aligned("  ")
+        self.aligned("  ", u16::MAX)
     }
 
     /// The same without an indent: a table that is all that is printed.
     pub fn list(&self) -> String {
-        self.aligned("")
+        self.aligned("", u16::MAX)
     }
 
-    fn aligned(&self, indent: &str) -> String {
+    /// A list whose long cells are wrapped, so that no line is longer than `width`.
+    pub fn list_within(&self, width: u16) -> String {
+        self.aligned("", width)
+    }
+
+    fn aligned(&self, indent: &str, width: u16) -> String {
         let mut table = comfy_table::Table::new();
+        table.set_content_arrangement(ContentArrangement::Dynamic);
+        table.set_width(width);
         table.load_style(presets::NOTHING);
         if self.columns.iter().any(|column| !column.is_empty()) {
             table.set_header(&self.columns);

@@ -75,7 +75,7 @@ fn criteria(margins: &Margins) -> [String; 2] {
     );
     let cells = format!(
         "each cell: {}, then why the next flight fails: ground, tilt, position, diverged (lost); error, yaw (flies on, above {} \
-         m or {} rad); and from where on it oscillates, if it does before. 60+: more was not tried. -: not qualified, the error without a fault is too large",
+         m or {} rad); and from where on it oscillates, if it does before. N+: more was not tried. -: not qualified, the error without a fault is too large",
         LIMITS[..CALM].join("/"),
         it.recovered_below_m,
         it.recovered_yaw_below_rad

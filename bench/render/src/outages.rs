@@ -52,7 +52,7 @@ pub fn blocks(report: &Report) -> Vec<Block> {
     blocks.push(Block::Figures(worst.enumerate().map(figure).collect()));
     blocks.push(Block::Note(
         "Lines stand where ticks begin, which is the deadline of the tick before. The kernel's counters are read every \
-         10 ms; docs/measuring.md says what that leaves open."
+         10 ms; `ironbird docs measuring` says what that leaves open."
             .into(),
     ));
     blocks

@@ -310,14 +310,16 @@ pub fn warnings(report: &Report) -> Vec<String> {
             false => format!(" of {all}"),
         };
         sentences.push(format!(
-            "{lost}{of_all} messages were lost before they were recorded ({}); no latency is known of them",
+            "{}{of_all} lost before recording ({}), without known latency",
+            count(lost, "message"),
             of.join(", ")
         ));
     }
     if unlogged > 0 {
         let why = log.refused.iter().map(|why| format!(": {why}"));
         let why = String::from_iter(why);
-        sentences.push(format!("flight.mcap lacks {unlogged} messages{why}"));
+        let unlogged = count(unlogged, "message");
+        sentences.push(format!("flight.mcap lacks {unlogged}{why}"));
     }
     let mut reasons: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (file, why) in &recorder.unwritten {

@@ -56,7 +56,8 @@ impl ExpectedMessages {
                 let written = written
                     .map_or_else(|| "does not say how many".into(), |n| format!("wrote {n}"));
                 return Err(gap(&format!(
-                    "it holds {holds} messages of topic `{topic}`, and its recorder {written}"
+                    "it holds {} of topic `{topic}`, and its recorder {written}",
+                    count(holds, "message")
                 )));
             }
         }
@@ -64,7 +65,8 @@ impl ExpectedMessages {
         match reader.landed("ticks_run")? {
             // A plant that dies may have published a state that it has not counted yet.
             Some(published) if states < published => Err(gap(&format!(
-                "the plant published {published} states, and it holds {states}: the last {} are missing",
+                "the plant published {}, and it holds {states}: the last {} missing",
+                count(published, "state"),
                 published - states
             ))),
             _ => Ok(()),

@@ -93,7 +93,7 @@ fn flights_with_faults_losses_and_recorded_timing_are_their_snapshots() {
 }
 
 #[test]
-fn what_stages_sent_after_the_last_state_counts_and_changes_no_earlier_tick() {
+fn what_stages_sent_after_the_last_state_counts_and_skipped_ticks_are_flight_time() {
     let mut timing = Timing::read(&recorded("real-time")).unwrap();
     let is_last_state = |event: &Event| event.tick == 200 && matches!(event.source, Source::State);
     timing.events.retain(|event| !is_last_state(event));
@@ -111,13 +111,19 @@ fn what_stages_sent_after_the_last_state_counts_and_changes_no_earlier_tick() {
             ticks += &format!("{:?}\n", rig.joined());
             Ok(())
         });
-        (flight.unwrap().outputs, ticks)
+        let flight = flight.unwrap();
+        ((flight.outputs, flight.ticks), ticks)
     };
     let whole = fly(&timing);
     timing.events.retain(|event| event.tick < 200);
     let cut = fly(&timing);
-    assert_ne!(whole.0, cut.0);
+    assert_ne!(whole.0.0, cut.0.0);
     assert!(whole.1 == cut.1 && whole.1.lines().count() == 200);
+    // Skipped ticks, also at the end, are a part of the flight.
+    let is_skipped = |tick| (50..53).contains(&tick) || tick >= 195;
+    timing.events.retain(|event| !is_skipped(event.tick));
+    let skipping = fly(&timing);
+    assert_eq!((skipping.0.1, skipping.1.lines().count()), (200, 192));
 }
 
 /// A law that counts how often it is started.

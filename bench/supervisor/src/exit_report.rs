@@ -180,7 +180,13 @@ impl Outcome {
                         .help("rt.start_timeout_s says how long no process may come further");
                 }
                 let what = format!("the {title} ended before {when}");
-                Failure::new(code.filter(|code| *code != 0).unwrap_or(FAILED), what)
+                let failure = Failure::new(code.filter(|code| *code != 0).unwrap_or(FAILED), what);
+                match self.flown {
+                    true => failure.help(
+                        "the recorder writes the first report after one second of flight; `ironbird export` exports what was logged",
+                    ),
+                    false => failure,
+                }
             }
             _ if self.interrupted => {
                 Failure::new(INTERRUPTED, format!("interrupted before {when}"))
@@ -366,6 +372,10 @@ mod tests {
         outcome.take(exit(Role::Inner, 9), false, false);
         outcome.take(exit(Role::Mixer, code(1)), true, false);
         outcome.take(exit(Role::Plant, code(130)), true, false);
+        outcome.flown = true;
+        let failure = outcome.failure(Path::new("/nonexistent"));
+        let help = "the recorder writes the first report after one second of flight";
+        assert!(failure.remedy().is_some_and(|it| it.starts_with(help)));
         assert_eq!(
             outcome.failed.map(|exit| exit.replica.role),
             Some(Role::Inner)

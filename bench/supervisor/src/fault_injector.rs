@@ -18,6 +18,7 @@ use process::rt::loops_cpu;
 use rustix::process::Signal;
 
 use crate::child_process::{ChildWatch, kill_and_reap};
+use analysis::phrase::count;
 use config::Settings;
 use errors::Failure;
 use faults::grammar::{Fault, planned_again};
@@ -333,7 +334,8 @@ fn delay(fault: &LiveFault, tick: u64) -> Option<String> {
         .map(Fault::to_string)
         .collect();
     Some(format!(
-        "the fault {what} begins {ticks} ticks late: the supervisor was notified, or scheduled, late"
+        "the fault {what} begins {} late: the supervisor was notified, or scheduled, late",
+        count(ticks, "tick")
     ))
 }
 

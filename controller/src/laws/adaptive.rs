@@ -45,7 +45,7 @@ pub const ESTIMATE: [Signal; 3] = [
 ];
 
 const SOURCE: &str = "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
-                      Vehicle, (17)-(22), sampled; docs/paper.md lists the differences";
+                      Vehicle, (17)-(22), sampled; `ironbird docs paper` lists the differences";
 
 const SETTINGS: [Setting; 10] = [
     gains::ATTITUDE,

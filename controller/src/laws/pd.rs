@@ -50,7 +50,7 @@ impl Law for Pd {
         version: "1",
         summary: "PD position loop with feedforward of acceleration, jerk and snap",
         source: "Imran and Montazeri, An Adaptive Scheme to Estimate Unknown Parameters of an Unmanned Aerial \
-                 Vehicle, (9)-(16); docs/paper.md lists the differences",
+                 Vehicle, (9)-(16); `ironbird docs paper` lists the differences",
         settings: SETTINGS,
         presets: &[
             preset(PRESET_NAMES[0], &[]),

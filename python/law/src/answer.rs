@@ -5,13 +5,9 @@ use messages::telemetry::Telemetry;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-const OUTER: [&str; 4] = [
-    "thrust_n",
-    "attitude_rad",
-    "attitude_rate_rad_s",
-    "attitude_acceleration_rad_s2",
-];
-const INNER: [&str; 2] = ["thrust_n", "torque_b_nm"];
+const OUTER: &str =
+    "thrust_n, attitude_rad[3], attitude_rate_rad_s[3], attitude_acceleration_rad_s2[3]";
+const INNER: &str = "thrust_n, torque_b_nm[3]";
 
 /// An answer, with what its errors begin with.
 pub(crate) struct Answer<'a, 'py> {
@@ -26,7 +22,7 @@ impl Answer<'_, '_> {
         telemetry: &mut Telemetry,
         signals: usize,
     ) -> PyResult<WrenchSetpoint> {
-        self.check(&INNER, signals)?;
+        self.check(INNER, signals)?;
         let wrench = WrenchSetpoint {
             thrust_n: self.number(0, "thrust_n")?,
             torque_b_nm: self.three(1, "torque_b_nm")?,
@@ -36,7 +32,7 @@ impl Answer<'_, '_> {
     }
 
     pub(crate) fn desired(&self, telemetry: &mut Telemetry, signals: usize) -> PyResult<Desired> {
-        self.check(&OUTER, signals)?;
+        self.check(OUTER, signals)?;
         let desired = Desired {
             thrust_n: self.number(0, "thrust_n")?,
             attitude_rad: self.three(1, "attitude_rad")?,
@@ -49,20 +45,20 @@ impl Answer<'_, '_> {
     }
 
     /// Whether there are as many values as there should be.
-    fn check(&self, names: &[&str], signals: usize) -> PyResult<()> {
-        let mut names = names.to_vec();
-        names.extend((signals > 0).then_some("telemetry"));
+    fn check(&self, names: &str, signals: usize) -> PyResult<()> {
+        let mut names = names.to_owned();
+        if signals > 0 {
+            names += &format!(", telemetry[{signals}]");
+        }
         let given = match self.value.len() {
-            Ok(given) if given == names.len() => return Ok(()),
-            Ok(given) => format!("gave {given} values"),
-            Err(_) => format!("gave {}", self.kind()),
+            Ok(given) if given == names.split(", ").count() => return Ok(()),
+            Ok(given) => format!(" of length {given}"),
+            Err(_) => String::new(),
         };
-        Err(self.wrong(&given, &names))
-    }
-
-    fn wrong(&self, what: &str, names: &[&str]) -> PyErr {
-        let (place, names) = (&self.place, names.join(", "));
-        PyTypeError::new_err(format!("{place} {what}; it gives ({names})"))
+        let (place, kind) = (&self.place, self.kind());
+        Err(PyTypeError::new_err(format!(
+            "{place} gave {kind}{given}; return ({names})"
+        )))
     }
 
     fn kind(&self) -> String {
@@ -70,7 +66,7 @@ impl Answer<'_, '_> {
             return "nothing".into();
         }
         match self.value.get_type().name() {
-            Ok(name) => format!("a value of type {name}"),
+            Ok(name) => format!("a {name}"),
             Err(_) => "something else".into(),
         }
     }
@@ -111,7 +107,7 @@ impl Answer<'_, '_> {
         let value = self.value.get_item(at)?;
         let numbers = value.extract::<Vec<f64>>().ok().filter(|numbers| numbers.len() == count).ok_or_else(|| {
             PyValueError::new_err(format!(
-                "{} gave telemetry = {}; expected {count} numbers, one for each name of `telemetry`",
+                "{} gave telemetry = {}; return telemetry[{count}], a number for each name of `telemetry`",
                 self.place,
                 repr(&value)
             ))

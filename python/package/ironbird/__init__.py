@@ -17,7 +17,7 @@ from typing import Any
 
 from ironbird import _rig
 from ironbird._rig import Desired, Given, LogError, Measured, Reference, Rig, SettingsError, __version__
-from ironbird.command import CommandError, Flag, executable, expect, failed, place, run
+from ironbird.command import CommandError, Flag, executable, expect, failed, hinting, place, run
 from ironbird.flight import Array, Fault, Flight, Group
 from ironbird.law import InnerLaw, OuterLaw
 from ironbird.table import Table, flat
@@ -49,6 +49,7 @@ __all__ = [
 ]
 
 
+@hinting
 def simulate(
     trajectory: str | os.PathLike[str] | None = None,
     duration_s: float | None = None,
@@ -99,6 +100,7 @@ def simulate(
     return Flight._of(columns, facts)
 
 
+@hinting
 def read(run: str | os.PathLike[str] = "latest", *, out: str | os.PathLike[str] | None = None) -> Flight:
     """Reads a recorded flight: its directory, its flight.mcap, or `latest` among those in `out` (else in runs).
 
@@ -156,7 +158,8 @@ def margin(**flags: Flag) -> Table:
     """Measures which faults a loop survives, as `ironbird margin` does: a row for each law, kind of fault and stage.
 
     `margin(inner="indi", only="inner", phases=1)`. The limits are the greatest strength, in ticks or as a share in percent,
-    that is `unnoticed`, from which the loop `recovers`, that it `survives`, and at which it is `calm`.
+    that is `unnoticed`, from which the loop `recovers`, that it `survives`, and at which it is `calm`. `untried` names the
+    limits that still hold at `most`: the true limit may be greater, but more was not tried.
 
     Raises:
         SettingsError, CommandError, FileNotFoundError: as `fly`.
@@ -166,7 +169,8 @@ def margin(**flags: Flag) -> Table:
     for law in document["laws"]:
         for search in law["searches"]:
             limits = dict(zip(LIMITS, search["limits"], strict=True))
-            rows.append(law["laws"] | {name: search[name] for name in ("kind", "of", "most")} | limits)
+            untried = [name for name, limit in limits.items() if limit == search["most"]]
+            rows.append(law["laws"] | {name: search[name] for name in ("kind", "of", "most")} | limits | {"untried": ", ".join(untried)})
     return Table(rows, document)
 
 

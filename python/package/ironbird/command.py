@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import difflib
+import functools
+import inspect
 import json
 import os
 import shutil
 import signal
 import subprocess
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 from ironbird._rig import SettingsError
 
@@ -20,16 +23,34 @@ Flag: TypeAlias = Value | None | Iterable[Value] | Mapping[str, Any]
 """The value of a flag: True for a flag without a value, a list for one that may be repeated, a mapping for KEY=VALUE."""
 
 
+Keywords = ParamSpec("Keywords")
+Result = TypeVar("Result")
+
 PRINTING = {"help", "version", "print_config"}
 """Flags with which a command has no result."""
 
 
 class CommandError(RuntimeError):
-    """The executable failed; `code` is its exit code (docs/architecture.md)."""
+    """The executable failed; `code` is its exit code (`ironbird docs architecture`)."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
         self.code = code
+
+
+def hinting(function: Callable[Keywords, Result]) -> Callable[Keywords, Result]:
+    """The same function; its error about an unknown keyword names the one that may have been meant."""
+    known = list(inspect.signature(function).parameters)
+
+    @functools.wraps(function)
+    def checked(*arguments: Keywords.args, **keywords: Keywords.kwargs) -> Result:
+        for name in keywords.keys() - known:
+            like = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean `{like[0]}`?" if like else f"there are {', '.join(known)}"
+            raise TypeError(f"{function.__name__}() has no keyword `{name}`; {hint}")
+        return function(*arguments, **keywords)
+
+    return checked
 
 
 def executable() -> str:

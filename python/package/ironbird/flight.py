@@ -219,7 +219,7 @@ class Flight:
     directory: Path | None
     """Where its log is; None for a simulated flight."""
     report: Mapping[str, Any]
-    """The report (docs/report.md) beside the log; empty where there is none."""
+    """The report (`ironbird docs report`) beside the log; empty where there is none."""
 
     @property
     def status(self) -> str | None:

@@ -222,9 +222,10 @@ pub const TOO_LARGE: &str = "a whole number beyond 9223372036854775807 cannot be
 
 /// The message of a TOML parser in plain words: of a large number, its own names a type of Rust.
 pub fn of_toml(message: &str) -> &str {
-    match message.contains("integer `") || message.ends_with("value was too large") {
-        true => TOO_LARGE,
-        false => message,
+    match message {
+        "duplicate key" => "this section or key is in the file twice: write it once",
+        _ if message.contains("integer `") || message.ends_with("value was too large") => TOO_LARGE,
+        _ => message,
     }
 }
 

@@ -189,8 +189,9 @@ fn read_law(file: &Path, named: &Path) -> Result<(&'static IronbirdLaw, String),
     let table = loader::table(file, named, called)?;
     let described = Call::new(called, "as its table was read").wait(|| table::described(table));
     let (table, description) = described.map_err(|what| {
-        unusable(named, &what)
-            .help("the author of the law corrects that; docs/laws.md says what the rig reads")
+        unusable(named, &what).help(
+            "the author of the law corrects that; `ironbird docs laws` says what the rig reads",
+        )
     })?;
     if let Some(create) = table.create {
         crash::remember(create as *const () as usize, full_words(description, file));
@@ -296,6 +297,7 @@ fn changed(file: &Path, when: &str) -> Failure {
 }
 
 fn unread(file: &Path, why: &io::Error) -> Failure {
-    Failure::usage(format!("cannot read the law {}: {why}", file.display()))
-        .help("name a shared library that you can read, or a law that is built in: `ironbird laws` lists them")
+    Failure::usage(format!("cannot read the law {}: {why}", file.display())).help(
+        "name a folder that `ironbird new law` has made, or the file of a law: LAW.py or LAW.so",
+    )
 }

@@ -20,11 +20,11 @@ use crate::python;
 /// The environment variable that names the library which makes laws of Python files.
 pub const PYTHON_ADAPTER: &str = "IRONBIRD_PYTHON_ADAPTER";
 const ADAPTER_FILE: &str = "libironbird_python.so";
-const BUILD_ADAPTER: &str = "python/build (docs/python.md)";
-const ANOTHER_ADAPTER: &str = "build it: python/build (docs/python.md); name it with IRONBIRD_PYTHON_ADAPTER, or unset \
+const BUILD_ADAPTER: &str = "python/build (`ironbird docs python`)";
+const ANOTHER_ADAPTER: &str = "build it: python/build (`ironbird docs python`); name it with IRONBIRD_PYTHON_ADAPTER, or unset \
                                that where it lies beside the executable";
 
-const PYTHON_PAGE: &str = "docs/python.md says what a law in Python is, and what it needs";
+const PYTHON_PAGE: &str = "`ironbird docs python` says what a law in Python is, and what it needs";
 
 /// How long a refusal may be [bytes], with the NUL.
 pub(crate) const REFUSAL_BYTES: usize = 1024;

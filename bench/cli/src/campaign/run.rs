@@ -13,6 +13,7 @@ use errors::{Failure, INTERRUPTED, OK};
 use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
 use crate::runs::size;
+use analysis::phrase::count;
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{IN_THE_WAY, Plan, open_directory};
 use experiments::campaign::rows::{Flight, LANES, fly_all};
@@ -166,10 +167,13 @@ impl Ended {
         let result = format!(
             "RESULT status={status} flown={flown} kept={kept} chunks={chunks}/{all} campaign={campaign} out={out}\n"
         );
-        let already = format!("{kept} were already recorded");
+        let already = format!("already recorded: {kept}");
         match flown {
             0 => result,
-            _ => format!("{flown} flights, {rate:.1} flights/s; {already}\n{result}"),
+            _ => format!(
+                "{}, {rate:.1} flights/s; {already}\n{result}",
+                count(flown, "flight")
+            ),
         }
     }
 }
@@ -206,19 +210,21 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let takes_s = (each_s * total as f64 / jobs as f64).ceil();
     let takes = Duration::try_from_secs_f64(takes_s).unwrap_or(Duration::MAX);
     let factors = campaign.factors.iter();
-    let drawn = factors
-        .filter(|factor| factor.distribution.varies())
+    let constant = factors
+        .filter(|factor| !factor.distribution.varies())
         .count();
     print(&format!(
-        "{}: {} flights of {length_s} s by {arms} arms ({}), {total} rows in {} files; {drawn} of {} factors vary\n\
+        "{}: {} of {length_s} s by {} ({}), {} in {}; {} ({constant} constant)\n\
          time here  {} with {jobs} at once ({:.1} ms a flight, by {} that were tried)\n\
          on disk    {} ({} bytes a row)\n\
          campaign   {}\n",
         campaign.name,
-        campaign.flights,
+        count(campaign.flights, "flight"),
+        count(arms as u64, "arm"),
         names.join(", "),
-        campaign.chunks(),
-        campaign.factors.len(),
+        count(total, "row"),
+        count(campaign.chunks(), "file"),
+        count(campaign.factors.len() as u64, "factor"),
         humantime::format_duration(takes),
         1e3 * each_s,
         rows.len(),

@@ -34,13 +34,13 @@ pub(super) fn status(args: &CampaignDirectoryArgs) -> Result<u8, Failure> {
     let (campaign, place) = (&plan.campaign, args.directory.display());
     let flown = whole.iter().map(|chunk| campaign.flights_of(*chunk));
     let mut text = format!(
-        "{}: {} of {} flights, each by {}; {} of {} files are whole\n",
+        "{}: {} of {}, each by {}; {} of {} complete\n",
         campaign.name,
         flown.map(Iterator::count).sum::<usize>(),
-        campaign.flights,
+        count(campaign.flights, "flight"),
         count(campaign.arms.len() as u64, "arm"),
         whole.len(),
-        campaign.chunks()
+        count(campaign.chunks(), "file")
     );
     let missing = others.iter().filter(|(_, state)| *state == State::Missing);
     let missing: Vec<u64> = missing.map(|(chunk, _)| *chunk).collect();
@@ -81,7 +81,7 @@ fn whole_chunks(directory: &Path) -> Result<(Plan, Vec<u64>, Option<String>), Fa
     let plan = plan_of(directory)?;
     let (whole, others) = chunks(&plan, directory);
     let (files, all) = (whole.len(), plan.campaign.chunks());
-    let part = format!("{files} of {all} files of rows are whole");
+    let part = format!("{files} of {} complete", count(all, "row file"));
     Ok((plan, whole, Some(part).filter(|_| !others.is_empty())))
 }
 

@@ -89,6 +89,12 @@ pub struct CompletionsArgs {
 }
 
 #[derive(Clone, Debug, Args)]
+pub struct DocsArgs {
+    /// Page to print, for example `measuring` [default: the folder, as in: cp -r "$(ironbird docs)/examples" .].
+    pub page: Option<String>,
+}
+
+#[derive(Clone, Debug, Args)]
 pub struct ManArgs {
     /// Command whose page to print, for example `report diff` [default: ironbird itself].
     #[arg(value_name = "COMMAND", conflicts_with = "to")]

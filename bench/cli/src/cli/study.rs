@@ -59,7 +59,7 @@ pub struct CompareArgs {
     /// --inner, all built-in inner laws fly.
     #[arg(long, value_name = "FILE.toml", group = "cases", conflicts_with_all = ["faults", "format"])]
     pub table: Option<PathBuf>,
-    /// Fly a built-in table: robustness (docs/robustness.md).
+    /// Fly a built-in table: robustness (`ironbird docs robustness`).
     #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(SUITES.map(|(name, _)| name)), group = "cases", conflicts_with_all = ["faults", "format"])]
     pub suite: Option<String>,
     /// Also draw the table to this file.

@@ -34,7 +34,7 @@ impl Plan {
         let text = read_text("read the campaign", file).map_err(|failure| {
             failure
                 .or_code(USAGE)
-                .help("name a campaign's file; docs/campaigns.md has one to begin with")
+                .help("name a campaign's file; `ironbird docs campaigns` has one to begin with")
         })?;
         Self::of(text, file)
     }

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use analysis::comparison::SETTLING_S;
 use analysis::margin::Bounds;
+use analysis::phrase::count;
 
 use config::Settings;
 use errors::Failure;
@@ -44,8 +45,9 @@ impl Phases {
         if span_s < number * period_s {
             let duration_s = duration_s.unwrap_or_default();
             return Err(Failure::usage(format!(
-                "--duration {duration_s}s is too short for {number} phases: faults begin at {first_s} s, after the \
-                 trajectory's ramp and the settling time"
+                "--duration {duration_s}s is too short for {}: faults begin at {first_s} s, after the \
+                 trajectory's ramp and the settling time",
+                count(u64::from(phases), "phase")
             ))
             .help("fly longer, or leave --duration out to cover one period of the trajectory"));
         }

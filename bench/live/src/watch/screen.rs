@@ -22,6 +22,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
 
 use crate::watch::dashboard_model::{Judged, Model, Tab};
+use analysis::phrase::count;
 use analysis::schema::TimingVerdict;
 use region::{BAD, FAINT, GOOD, HEADING, PLAIN, Region, SELECTED, fitting, good_or_bad};
 
@@ -152,7 +153,7 @@ fn key_line<'a>(model: &Model, width: u16) -> Line<'a> {
         Line::from_iter([Span::styled(key, HEADING), Span::styled(does, FAINT)])
     };
     let lost = model.flight.as_ref().map_or(0, |flight| flight.lost());
-    let lost = (lost > 0).then(|| Line::styled(format!("  lost {lost} messages"), BAD));
+    let lost = (lost > 0).then(|| Line::styled(format!("  lost {}", count(lost, "message")), BAD));
     let keys = on_every_page.iter().chain(on_page).map(key);
     fitting(keys.chain(lost), width)
 }

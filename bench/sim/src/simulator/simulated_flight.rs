@@ -14,6 +14,7 @@ use errors::Failure;
 
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedFlight {
+    /// Its length: skipped ticks are included.
     pub ticks: u64,
     pub outputs: OutputHash,
     pub swaps: Vec<AppliedSwap>,
@@ -117,13 +118,16 @@ fn follow(
                 break;
             }
             judge.flown.outputs.take(event.tick, rig.state());
-            judge.flown.ticks += 1;
+            judge.flown.ticks = event.tick + 1;
             open = Some(event.tick);
         }
     }
     if open.is_some() {
         look(rig)?;
         judge.leaves(rig);
+    }
+    if judge.flown.departure.is_none() {
+        judge.flown.ticks = last_tick + 1;
     }
     Ok(())
 }

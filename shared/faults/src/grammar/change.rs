@@ -238,7 +238,7 @@ impl Change {
             (fault.kind, fault.ends, fault.span) == (kind, ends, first.span)
         };
         let kinds = every.kinds();
-        if first.kind.port().is_some()
+        if kinds.len() > 1
             && faults.len() >= kinds.len()
             && faults.iter().zip(kinds.clone()).all(is_like)
         {

@@ -101,11 +101,11 @@ fn messages_and_stages_are_read_with_their_ticks() {
             .collect::<Vec<_>>(),
         [
             "state.drop=0.25@tick8000..tick9000",
-            "setpoint.delay=5@tick8000..tick9000",
+            "inner.setpoint.delay=5@tick8000..tick9000",
             "outer.state.position_w_m.z.bias=0.5@tick100",
-            "wrench.drop=2/5@tick100",
+            "mixer.wrench.drop=2/5@tick100",
             "inner.state.rate_b_rad_s.noise=0.1@tick1000",
-            "rotor_speeds.freeze@tick2000",
+            "plant.rotor_speeds.freeze@tick2000",
         ]
     );
     let ports = messages.iter().map(|it| it.kind.port());

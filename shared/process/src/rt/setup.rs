@@ -49,7 +49,7 @@ pub fn remedy(step: RealtimeStep, errno: i64) -> &'static str {
         RealtimeStep::Prefault => "free memory, or enlarge /dev/shm",
         RealtimeStep::TimerSlack => "use a kernel that knows PR_SET_TIMERSLACK",
         RealtimeStep::CpuLatency => {
-            "start as root, or let a group of yours write /dev/cpu_dma_latency (docs/measuring.md has the udev rule)"
+            "start as root, or let a group of yours write /dev/cpu_dma_latency (`ironbird docs measuring` has the udev rule)"
         }
     }
 }
