@@ -354,7 +354,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
     };
     let mut items: Vec<String> = section.outages.iter().map(line).collect();
     if section.outages_left_out > 0 {
-        items.push(format!("and {} later ones", section.outages_left_out));
+        items.push(format!("and {} shorter ones", section.outages_left_out));
     }
     if !items.is_empty() {
         blocks.push(Block::Items(items));

@@ -19,13 +19,14 @@ use analysis::comparison::{
     TRUE_ERROR,
 };
 use analysis::diff::{ComparedRun, compare};
+use analysis::faults::{InjectedFault, ProcessFailure};
 use analysis::margin::Margins;
 use analysis::schema::{AngleErrors, Report};
 use analysis::traces::{Group, Trace};
 use hashed::hashed;
 use render::brief::Left;
 use render::cases::Cases;
-use render::{brief, comparison, diff, files, flight, junit, margin};
+use render::{brief, comparison, diff, files, flight, junit, margin, page};
 
 fn recorded(flight: &str, file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -114,12 +115,23 @@ fn reports_are_their_snapshots() {
 #[test]
 fn a_flight_in_lockstep_ends_after_its_faults_and_not_when_the_clock_says() {
     let mut report = Report::read(&recorded("lockstep", "report.json")).unwrap();
-    let written = tempfile::tempdir().unwrap();
-    files::write_all(&mut report, written.path());
-    let page = fs::read_to_string(written.path().join("report.html")).unwrap();
-    let place = |text: &str| page.find(text).unwrap_or_else(|| panic!("no {text}"));
     assert!(report.ticks.elapsed_s < 0.1);
-    assert!(place("<time>0.100 s") < place("<time>0.301 s"));
+    let page = page::render(&report);
+    let place = |page: &str, text| page.find(text).unwrap_or_else(|| panic!("no {text}"));
+    assert!(place(&page, "<time>0.100 s") < place(&page, "<time>0.301 s"));
+    // However many faults there are before them, the end of a process and of the flight are shown.
+    let fault = |tick| InjectedFault::new("state.drop=0.1".into(), tick, None, 1e-3);
+    report.faults = (0..20).map(fault).collect();
+    report.deaths = vec![ProcessFailure {
+        time_s: 0.2,
+        ..ProcessFailure::default()
+    }];
+    let page = page::render(&report);
+    assert!(place(&page, "<time>0.200 s") < place(&page, "<time>0.301 s"));
+    place(
+        &page,
+        "What happened; 9 more events are in the sections below",
+    );
 }
 
 #[test]
