@@ -17,6 +17,9 @@ pub struct InjectedFault {
     pub to_s: Option<f64>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub live: bool,
+    /// Ticks after its own in which the supervisor began it, if it was late.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delayed_ticks: Option<u64>,
 }
 
 impl InjectedFault {
@@ -30,6 +33,15 @@ impl InjectedFault {
             to_tick,
             to_s: to_tick.map(time_s),
             live: false,
+            delayed_ticks: None,
+        }
+    }
+
+    /// Takes that the supervisor began a fault later, if it is a part of this one.
+    pub fn note(&mut self, delayed: &Self) {
+        let is_part = self.what.split(',').any(|what| what == delayed.what);
+        if is_part && self.tick == delayed.tick {
+            self.delayed_ticks = delayed.delayed_ticks;
         }
     }
 
