@@ -356,7 +356,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
     };
     let mut items: Vec<String> = section.outages.iter().map(line).collect();
     if section.outages_left_out > 0 {
-        items.push(format!("and {} shorter ones", section.outages_left_out));
+        items.push(format!("and {} more", section.outages_left_out));
     }
     if !items.is_empty() {
         blocks.push(Block::Items(items));
@@ -391,10 +391,8 @@ pub fn failure_line(report: &Report, failure: &ProcessFailure) -> String {
     let (role, tick, time_s) = (&failure.role, failure.tick, failure.time_s);
     // Names of channel a are those of a flight with one channel.
     let is_of_a = CHANNEL_ROLES.iter().any(|it| it.name() == role);
-    let channel = match report.redundancy.is_some() && is_of_a {
-        true => "a.",
-        false => "",
-    };
+    let is_named = report.redundancy.is_some() && is_of_a;
+    let channel = if is_named { "a." } else { "" };
     let how = match failure.how.as_str() {
         "" => "cause of the end unknown",
         how => how,

@@ -135,6 +135,11 @@ impl Outcome {
         for fault in &mut report.faults {
             self.delayed.iter().for_each(|delayed| fault.note(delayed));
         }
+        if !self.delayed.is_empty() {
+            let period_s = report.run.period_us / 1e6;
+            let outages = std::mem::take(&mut report.autopsy);
+            report.autopsy = outages.with_faults(&report.faults, period_s, &report.deaths);
+        }
         if let Some(pace) = &self.grid {
             process_failures::note(report, &self.noted, pace);
         }
