@@ -148,10 +148,11 @@ impl Observations<'_> {
     /// The cut-off of a stage in the channel that flew by the last sample before the tick [ns].
     pub fn cut_off_of(&self, stage: Role, tick: u64) -> u64 {
         let begin_ns = self.grid.begin_of(tick);
-        let before = self.samples.iter().rfind(|it| it.at_ns <= begin_ns);
+        let after = self.samples.partition_point(|it| it.at_ns <= begin_ns);
+        let before = self.samples[..after].last();
         let lead_ns = before.and_then(|it| self.leads_ns.get(it.channel as usize));
-        self.grid
-            .cut_off_of(stage, tick, lead_ns.map_or(0, |it| *it))
+        let lead_ns = *lead_ns.unwrap_or(&0);
+        self.grid.cut_off_of(stage, tick, lead_ns)
     }
 
     /// Delays of the outage. A stage that waits for one that is late is not late itself.
