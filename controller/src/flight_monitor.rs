@@ -58,6 +58,12 @@ impl FlightMonitor {
         monitor.map_or(Innovation::default(), |monitor| *monitor.innovation())
     }
 
+    /// [`TheoremMonitor::error_allowed`] of the present law.
+    pub fn error_allowed(&self) -> [f64; 3] {
+        let monitor = self.monitor.as_ref();
+        monitor.map_or([0.0; 3], TheoremMonitor::error_allowed)
+    }
+
     /// Rate error of the newest wrench [rad/s]; none if it was not watched.
     pub fn rate_error_rad_s(&self) -> Option<f64> {
         self.monitor.as_ref().map(TheoremMonitor::rate_error_rad_s)

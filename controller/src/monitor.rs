@@ -64,6 +64,8 @@ pub struct TheoremMonitor {
     trapezoid_rad_s2: f64,
     /// What that may have added to V_th since the start [rad^2/s^2].
     trapezoid_sum: f64,
+    /// Sum of all that V_th was allowed to rise in the steps since the start, by rounding and by the trapezoidal rule [rad^2/s^2].
+    allowed_sum: f64,
     /// Sum of the descents of V_th by bounds since the start [rad^2/s^2]. A bound brings an estimate closer to the truth.
     bounds_sum: f64,
     rate_kept: f64,
@@ -100,6 +102,7 @@ impl TheoremMonitor {
             rate_weight: RateWeight::new(&adaptation),
             trapezoid_rad_s2: 0.0,
             trapezoid_sum: 0.0,
+            allowed_sum: 0.0,
             bounds_sum: 0.0,
             rate_kept: exp(-period_s / RATE_MEMORY_S),
             has_begun: false,
@@ -135,7 +138,8 @@ impl TheoremMonitor {
         };
         self.excitation = Excitation::new(self.adaptation.period_s);
         self.innovation = Innovation::default();
-        (self.trapezoid_sum, self.bounds_sum, self.has_begun) = (0.0, 0.0, false);
+        (self.trapezoid_sum, self.allowed_sum) = (0.0, 0.0);
+        (self.bounds_sum, self.has_begun) = (0.0, false);
     }
 
     /// Takes the rotor command of a tick, before the wrench of the next tick.
@@ -193,6 +197,12 @@ impl TheoremMonitor {
     /// What the steps so far show without ground truth.
     pub const fn innovation(&self) -> &Innovation {
         &self.innovation
+    }
+
+    /// How far rounding and the trapezoidal rule may have led each estimate away from its error on the exact model.
+    pub fn error_allowed(&self) -> [f64; 3] {
+        let allowed = |gamma: f64| (2.0 * self.allowed_sum * gamma).sqrt();
+        self.adaptation.gamma.map(allowed).into()
     }
 
     /// Rate error of the newest wrench whose state was of its tick [rad/s].
@@ -313,6 +323,7 @@ impl TheoremMonitor {
         );
         let rounding = ROUNDING * now.v_th_start + self.rise_of(ROUNDING_RAD_S2);
         let floor = rounding + self.rise_of_trapezoid(last, theta);
+        self.allowed_sum += floor;
 
         now.ticks_checked += 1;
         now.steps_adapted += u64::from(before != after);

@@ -17,6 +17,9 @@ pub struct InjectedFault {
     pub to_s: Option<f64>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub live: bool,
+    /// Ticks after its own in which the supervisor began it, if it was late.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delayed_ticks: Option<u64>,
 }
 
 impl InjectedFault {
@@ -30,7 +33,20 @@ impl InjectedFault {
             to_tick,
             to_s: to_tick.map(time_s),
             live: false,
+            delayed_ticks: None,
         }
+    }
+
+    /// Takes that the supervisor began a fault later, if it is a part of this one.
+    pub fn note(&mut self, delayed: &Self) {
+        let is_part = self.what.split(',').any(|what| what == delayed.what);
+        if is_part && self.tick == delayed.tick {
+            self.delayed_ticks = delayed.delayed_ticks;
+        }
+    }
+
+    fn begun(&self) -> u64 {
+        self.tick.saturating_add(self.delayed_ticks.unwrap_or(0))
     }
 
     pub fn in_flight(self) -> Self {
@@ -42,7 +58,7 @@ impl InjectedFault {
     pub fn end_tick(&self, period_s: f64, failures: &[ProcessFailure]) -> Option<u64> {
         match self.happens_once() {
             true => Some(
-                self.tick
+                self.begun()
                     .saturating_add(2 + self.stop_ticks(period_s, failures)),
             ),
             false => self.to_tick,
@@ -58,7 +74,7 @@ impl InjectedFault {
         failures: &[ProcessFailure],
     ) -> bool {
         let to = self.end_tick(period_s, failures).unwrap_or(u64::MAX);
-        self.tick <= last && to > first && !self.is_cancelled()
+        self.begun() <= last && to > first && !self.is_cancelled()
     }
 
     /// Ticks of the longest stop among its changes, or up to the successor of a process that did not outlive its stop.
@@ -66,7 +82,7 @@ impl InjectedFault {
         let stop = |change: &str| {
             let (stage, time) = change.split_once(".stop=")?;
             let planned = (duration(time).ok()?.as_secs_f64() / period_s).round() as u64;
-            let back = |it: &ProcessFailure| (it.tick + it.ticks_lost?).checked_sub(self.tick);
+            let back = |it: &ProcessFailure| (it.tick + it.ticks_lost?).checked_sub(self.begun());
             let replaced = failures
                 .iter()
                 .filter(|it| it.role == stage)
@@ -217,6 +233,9 @@ mod tests {
             for_good.is_active(9000, 9000, 0.001, &[]) && !for_good.is_active(0, 499, 0.001, &[])
         );
         assert!(once.is_active(8021, 8030, 0.001, &[]) && !once.is_active(8022, 8030, 0.001, &[]));
+        let mut late = once.clone();
+        late.delayed_ticks = Some(500);
+        assert!(!late.is_active(8021, 8030, 0.001, &[]) && late.is_active(8521, 8530, 0.001, &[]));
         let event = fault("inner.kill", 8000, None, 0.001);
         let replaced = ProcessFailure {
             role: "inner".into(),

@@ -27,7 +27,7 @@ use messages::content::{RotorSpeeds, Setpoint, State, SwapRecord, Wrench};
 use messages::grid::{Grid, Pace};
 use messages::header::Message;
 use messages::realtime::Lead;
-use messages::role::{Role, STAGES};
+use messages::role::{MOST_CHANNELS, Role, STAGES};
 use messages::telemetry::{LAW_ROLES, Telemetry};
 use messages::topic::Topic;
 use std::collections::VecDeque;
@@ -166,9 +166,9 @@ impl FlightStatistics {
 
     /// Follows the causes of missed deadlines from now on; in lockstep there are no deadlines.
     ///
-    /// `shares_processor`: all loops were granted the same one.
-    pub fn begin_autopsy(&mut self, shares_processor: bool) {
-        let analysis = |grid| MissAnalysis::new(grid, shares_processor);
+    /// `shares_processor`: all loops were granted the same one. `leads_ns`: what each channel leaves to the plant's lead.
+    pub fn begin_autopsy(&mut self, shares_processor: bool, leads_ns: [u64; MOST_CHANNELS]) {
+        let analysis = |grid| MissAnalysis::new(grid, shares_processor, leads_ns);
         self.autopsy = self.grid.map(analysis);
     }
 
@@ -778,7 +778,7 @@ mod tests {
     #[test]
     fn memory_is_bounded_however_long_a_flight_is() {
         let mut statistics = statistics();
-        statistics.begin_autopsy(true);
+        statistics.begin_autopsy(true, [0; MOST_CHANNELS]);
         for tick in 0..60_000 {
             take_tick(&mut statistics, tick);
             statistics.autopsy.as_mut().unwrap().look();

@@ -22,7 +22,7 @@ use crate::schema::MACHINE;
 use messages::content::{Loss, State};
 use messages::grid::Grid;
 use messages::header::Message;
-use messages::role::{Role, STAGES};
+use messages::role::{MOST_CHANNELS, Role, STAGES};
 use messages::topic::Topic;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
@@ -40,6 +40,7 @@ const SAMPLES_BEYOND_NS: u64 = 200_000_000;
 #[derive(Clone, Debug, Default)]
 pub struct MissAnalysis {
     grid: Grid,
+    leads_ns: [u64; MOST_CHANNELS],
     share_processor: bool,
     traces: BTreeMap<u64, TickTimings>,
     samples: VecDeque<CounterSample>,
@@ -65,9 +66,11 @@ pub struct MissAnalysis {
 }
 
 impl MissAnalysis {
-    pub fn new(grid: Grid, share_processor: bool) -> Self {
+    /// `leads_ns`: what each channel leaves to the plant's lead in a tick.
+    pub fn new(grid: Grid, share_processor: bool, leads_ns: [u64; MOST_CHANNELS]) -> Self {
         Self {
             grid,
+            leads_ns,
             share_processor,
             ..Self::default()
         }
@@ -222,6 +225,7 @@ impl MissAnalysis {
             .fold(end_ns, u64::max);
         let seen = Observations {
             grid: self.grid,
+            leads_ns: self.leads_ns,
             timings: &traces,
             withheld: &self.withheld,
             samples: self.samples.make_contiguous(),
@@ -244,14 +248,15 @@ impl MissAnalysis {
         if is_whole {
             let trace = |tick| self.traces.get(&tick).copied().unwrap_or_default();
             self.rows.take(outage, |tick| {
-                out_in(&trace(tick), self.grid, tick, self.missed.contains(&tick))
+                out_in(&trace(tick), &seen, tick, self.missed.contains(&tick))
             });
         } else {
             self.rows.unmeasured += 1;
         }
         let case = self.case(outage, found);
-        let is_worse = |it: &OutageCase| (it.ticks, it.missed) >= (case.ticks, case.missed);
-        let place = self.worst.partition_point(is_worse);
+        let place = self
+            .worst
+            .partition_point(|it| it.weight() >= case.weight());
         self.worst.insert(place, case);
         self.worst.truncate(WORST);
     }
@@ -384,15 +389,20 @@ fn index(role: Role) -> usize {
 
 /// Which stages published nothing in a tick, or too late for the next one. What came in time and was not used is no
 /// outage of its sender; `is_missed` says that the tick's command missed its deadline.
-fn out_in(trace: &TickTimings, grid: Grid, tick: u64, is_missed: bool) -> [bool; STAGES.len()] {
+fn out_in(
+    trace: &TickTimings,
+    seen: &Observations<'_>,
+    tick: u64,
+    is_missed: bool,
+) -> [bool; STAGES.len()] {
     std::array::from_fn(|i| {
         let Some(passage) = trace[i] else { return true };
         let (due_ns, is_used) = match STAGES.get(i + 1) {
             Some(next) => (
-                grid.cut_off_of(*next, tick),
+                seen.cut_off_of(*next, tick),
                 trace[i + 1].is_some_and(|next| next.is_fresh),
             ),
-            None => (grid.begin_of(tick + 1), !is_missed),
+            None => (seen.grid.begin_of(tick + 1), !is_missed),
         };
         !is_used && passage.send_ns > due_ns
     })

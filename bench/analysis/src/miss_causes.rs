@@ -1,4 +1,4 @@
-//! Cause of an outage: that of its longest delay, where an observation of the late stage or of its processor says so.
+//! Cause of an outage: that of its longest delay, where an observation of the delayed stage or of its processor says so.
 //!
 //! Without such an observation the cause is unknown, and the evidence says what was observed.
 
@@ -170,7 +170,7 @@ impl Attribution {
         }
     }
 
-    /// The late stage; none where the host or a quota stopped all, or where no stage is known.
+    /// The delayed stage; none where the host or a quota stopped all, or where no stage is known.
     pub fn stage(&self) -> Option<Role> {
         let is_of_all = matches!(self.class, MissCause::HostStall | MissCause::Throttled);
         self.delay.filter(|_| !is_of_all).map(|it| it.stage)

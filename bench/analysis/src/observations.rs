@@ -6,7 +6,7 @@
 use crate::phrase::count;
 use crate::processor_trace::{Runner, Slice, runners};
 use messages::grid::Grid;
-use messages::role::{Role, STAGES};
+use messages::role::{MOST_CHANNELS, Role, STAGES};
 use std::collections::{BTreeMap, BTreeSet};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,6 +98,8 @@ impl Delay {
 #[derive(Clone, Copy, Debug)]
 pub struct Observations<'a> {
     pub grid: Grid,
+    /// What each channel leaves to the plant's lead in a tick [ns].
+    pub leads_ns: [u64; MOST_CHANNELS],
     pub outage: Outage,
     /// The recorder lost messages of its ticks.
     pub messages_lost: bool,
@@ -143,6 +145,16 @@ impl Observations<'_> {
         format!("message faults withheld an input of {}", stages.join(", "))
     }
 
+    /// The cut-off of a stage in the channel that flew by the last sample before the tick [ns].
+    pub fn cut_off_of(&self, stage: Role, tick: u64) -> u64 {
+        let begin_ns = self.grid.begin_of(tick);
+        let after = self.samples.partition_point(|it| it.at_ns <= begin_ns);
+        let before = self.samples[..after].last();
+        let lead_ns = before.and_then(|it| self.leads_ns.get(it.channel as usize));
+        let lead_ns = *lead_ns.unwrap_or(&0);
+        self.grid.cut_off_of(stage, tick, lead_ns)
+    }
+
     /// Delays of the outage. A stage that waits for one that is late is not late itself.
     pub fn delays(&self) -> Vec<Delay> {
         let usual_ns: [[u64; 2]; STAGES.len()] = std::array::from_fn(|stage| self.usual_ns(stage));
@@ -163,7 +175,7 @@ impl Observations<'_> {
                     None if seen_ns[i] > due_ns => [seen_ns[i]; 2],
                     None => [self.next_sign_of(i, tick); 2],
                 };
-                let cut_off_ns = self.grid.cut_off_of(stage, tick);
+                let cut_off_ns = self.cut_off_of(stage, tick);
                 let is_stale = timings[i].is_some_and(|it| !it.is_fresh);
                 let came_in_time =
                     input.is_some_and(|it| it.send_ns + usual_ns[i][0] <= cut_off_ns);

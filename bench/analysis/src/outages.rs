@@ -20,7 +20,7 @@ pub struct OutageSection {
     pub longest: BTreeMap<String, u64>,
     /// Outages with missed deadlines that count in no such row: messages were lost there, so who was out is not known.
     pub unmeasured: u64,
-    /// The longest outages in ticks; of those alike, the ones with more deadlines missed first.
+    /// The longest outages first, by [`OutageCase::weight`].
     pub worst: Vec<OutageCase>,
 }
 
@@ -40,7 +40,7 @@ pub struct OutageCase {
     pub time_s: f64,
     pub ticks: u64,
     pub missed: u64,
-    /// From the instant when the late stage was due to its next sign of life [us]; 0 where no stage is known.
+    /// From the instant when the delayed stage was due to its next sign of life [us]; 0 where no stage is known.
     pub delay_us: f64,
     /// That instant, from the beginning of the first tick on [us].
     pub due_us: f64,
@@ -54,6 +54,13 @@ pub struct OutageCase {
     pub faults: Vec<String>,
     /// What the stages did around its first tick and its last one; ticks between these are left out.
     pub timeline: Vec<TimelineTick>,
+}
+
+impl OutageCase {
+    /// The order of outages: by their ticks, then by the deadlines missed, then by the delay [us].
+    pub const fn weight(&self) -> (u64, u64, u64) {
+        (self.ticks, self.missed, self.delay_us as u64)
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -587,7 +587,7 @@ pub struct RedundancySection {
     /// Ticks in which two channels contradicted each channel.
     pub ticks_outvoted: BTreeMap<String, u64>,
     pub handovers: u64,
-    /// Ticks in a row without a command that could be flown, by channel, in their order; the first 64.
+    /// Ticks in a row without a command that could be flown, by channel, in their order; the 64 longest.
     pub outages: Vec<ChannelOutage>,
     pub outages_left_out: u64,
     /// The laws of single channels, by stage, such as `b.inner`. Likewise below: only if channels fly different laws.

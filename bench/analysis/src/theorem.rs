@@ -326,6 +326,9 @@ pub struct Watched {
     pub error_start: f64,
     /// Its upper bound by the theorem, for the exact model; valid only where [`Theorem::broken`] is empty.
     pub error_bound: f64,
+    /// How much rounding and the trapezoidal rule may add to the bound.
+    #[serde(default)]
+    pub error_allowed: f64,
     /// Excitation of this parameter alone in the last whole 10 s, e-folds of the error.
     pub identifiability: f64,
     /// Whether it is within 1 % ([`FOUND`]).
@@ -339,6 +342,9 @@ pub struct TheoremStatistics {
     /// Start of the present one, and what its monitor said last.
     newest: Option<(u64, Monitor)>,
     theta: [f64; 3],
+    /// The same at the wrench that was watched last.
+    theta_watched: [f64; 3],
+    error_allowed: [f64; 3],
     /// Values that the airframe was built with, if it is not the nominal one: an estimate of a parameter that is 0 is held
     /// against them.
     built: Option<[f64; 3]>,
@@ -392,6 +398,7 @@ impl TheoremStatistics {
     /// Takes from the monitor what its messages do not have.
     pub fn monitored(&mut self, monitor: &FlightMonitor) {
         self.innovation = monitor.innovation();
+        self.error_allowed = monitor.error_allowed();
         self.rate_error_rad_s = monitor.rate_error_rad_s().unwrap_or(self.rate_error_rad_s);
     }
 
@@ -416,6 +423,7 @@ impl TheoremStatistics {
         self.judged += u64::from(monitor.ticks_checked > checked && !is_excused);
         self.broken |= monitor.causes;
         self.newest = Some((epoch, *monitor));
+        self.theta_watched = self.theta;
     }
 
     pub fn section(&self) -> Theorem {
@@ -423,7 +431,11 @@ impl TheoremStatistics {
             let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
             let nominal = || ESTIMATED.map(|parameter| parameter.spec().nominal);
             let built = self.built.unwrap_or_else(nominal);
-            Theorem::of(&all, self.theta, built, self.broken)
+            let mut section = Theorem::of(&all, self.theta_watched, built, self.broken);
+            for (estimate, allowed) in section.estimates.iter_mut().zip(self.error_allowed) {
+                estimate.error_allowed = allowed;
+            }
+            section
         });
         let law_without = self.law_without.filter(|_| section.is_none());
         Theorem {
@@ -485,6 +497,7 @@ impl Theorem {
                 error,
                 error_start,
                 error_bound: monitor.estimate_error_bound[i],
+                error_allowed: 0.0,
                 identifiability: monitor.identifiability[i],
                 found: error.abs() <= FOUND * size,
             }

@@ -59,7 +59,7 @@ fn figures_of_recorded_flights_are_their_snapshots() {
         let entries = entries(&mut reader);
         let (pace, t0_ns) = (reader.pace().unwrap(), reader.number("t0_ns").unwrap());
         let mut statistics = FlightStatistics::new(pace, t0_ns, TRACKING).unwrap();
-        statistics.begin_autopsy(true);
+        statistics.begin_autopsy(true, [0; 3]);
         let (mut joiner, mut joined_messages) = (Joiner::default(), 0);
         for entry in &entries {
             statistics.take(entry);

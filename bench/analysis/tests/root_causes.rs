@@ -233,7 +233,7 @@ impl Evidence {
 
     /// Feeds an analysis as the recorder does; gives the deadlines missed before the last state, too.
     fn analysed(&self) -> (MissAnalysis, u64) {
-        let mut analysis = MissAnalysis::new(GRID, self.share_processor);
+        let mut analysis = MissAnalysis::new(GRID, self.share_processor, [0, 250 * US, 0]);
         analysis.slices(self.slices.clone());
         self.loss.iter().for_each(|loss| analysis.loss(loss));
         let mut samples = self.samples.iter().peekable();
@@ -380,6 +380,15 @@ fn a_cause_needs_an_observation_that_explains_half_of_the_delay() {
     }
     let not_sent = good().computes(0, Inner, 1600).mixer_at(900, 1001);
     not_sent.is(CannotTell, Some(Inner), NOTHING);
+    // In channel b it had waited until its own cut-off, 67.5 % of the tick.
+    let before_cut_off = [Plant, Outer, Inner].into_iter();
+    let before_cut_off = before_cut_off.fold(good(), |it, role| it.computes(0, role, 215));
+    let before_cut_off = before_cut_off.mixer_at(960, 1010);
+    before_cut_off.is(NotUsed, Some(Mixer), "that inner had sent");
+    assert!(!before_cut_off.section().longest.contains_key("inner"));
+    let before_cut_off = before_cut_off.sampled(0, |it| it.channel = 1);
+    before_cut_off.is(CannotTell, Some(Mixer), NOTHING);
+    assert_eq!(before_cut_off.section().longest["inner"], 1);
     let alike = STAGES.into_iter();
     let alike = alike.fold(good(), |it, role| it.late(0, role, 240));
     alike.is(CannotTell, Some(Plant), "the longest of 4 delays");

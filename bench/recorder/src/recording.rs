@@ -17,6 +17,7 @@ use messages::blackboards::{EndReason, RolePhase, RunPhase, Status};
 use messages::channels::REDUNDANCY;
 use messages::grid::{NS_PER_S, Pace};
 use messages::role::{Channel, Replica, Role};
+use process::lead::left_by;
 use process::rt::UsageMeter;
 use process::session::{Armed, RoleSession};
 
@@ -87,7 +88,9 @@ pub fn run(
         .set_airframe(&settings.airframe()?);
     statistics.set_laws(laws);
     statistics.set_channels(channels);
-    statistics.begin_autopsy(host.counters.processor.is_some());
+    let (rt, period_ns) = (settings.realtime()?, armed.run.get().period_ns);
+    let leads_ns = Channel::ALL.map(|channel| left_by(channel, &rt, period_ns));
+    statistics.begin_autopsy(host.counters.processor.is_some(), leads_ns);
     // The counters before the first tick.
     host.sample(&roles, Channel::A, &mut statistics, false)?;
     let (run, sections) = (armed.run.get(), roles.sections());

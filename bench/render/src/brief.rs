@@ -6,7 +6,7 @@ use crate::{flight, outages as outage_section, sentences as shared};
 use analysis::outages::CauseCount;
 use analysis::phrase::{INDENT, WIDTH, count, wrap};
 use analysis::process_failures;
-use analysis::schema::{Report, Speed};
+use analysis::schema::{FlightVerdict, Report, Speed};
 use messages::role::{Role, STAGES};
 use std::collections::BTreeMap;
 
@@ -60,6 +60,8 @@ fn verdicts(report: &Report) -> Vec<String> {
         format!("{subject:<9} {}: {why}", word.to_uppercase())
     };
     let mut all = shared::verdicts(&report.words).map(word).to_vec();
+    // Of a lost flight they may be the cause, and there is little room for details.
+    all.extend(faults(report).filter(|_| is_lost(report)));
     let loss = report.loss.as_ref().map(shared::loss);
     all.extend(loss.map(|it| format!("Why lost  {it}")));
     all.extend(shared::warnings(report));
@@ -74,6 +76,22 @@ fn verdicts(report: &Report) -> Vec<String> {
     all
 }
 
+fn is_lost(report: &Report) -> bool {
+    report.words.flight.word == FlightVerdict::Lost
+}
+
+/// Faults and parameter changes; of these the last ones.
+fn faults(report: &Report) -> Option<String> {
+    let more = report.swaps.len().saturating_sub(CHANGES);
+    let changes = report.swaps[more..].iter();
+    let changes = changes.map(|it| format!("{} at {:.3} s", shared::swap(it), it.time_s));
+    let faults = report.faults.iter().map(shared::short_fault);
+    let mut faults: Vec<String> = changes.chain(faults).collect();
+    let more = more as u64 + report.swaps_left_out;
+    faults.extend((more > 0).then(|| count(more, "more parameter change")));
+    (!faults.is_empty()).then(|| format!("Faults    {}", faults.join(", ")))
+}
+
 fn details(report: &Report) -> Vec<String> {
     let mut all = vec![format!(
         "Flown     {}: {}; {:.1} s from {}",
@@ -82,23 +100,13 @@ fn details(report: &Report) -> Vec<String> {
         report.ticks.elapsed_s,
         report.run.started
     )];
-    let changes = report.swaps.iter().take(CHANGES);
-    let changes = changes.map(|it| format!("{} at {:.3} s", shared::swap(it), it.time_s));
-    let faults = report.faults.iter().map(shared::short_fault);
-    let mut faults: Vec<String> = faults.chain(changes).collect();
-    let more = (report.swaps.len() as u64 + report.swaps_left_out).saturating_sub(CHANGES as u64);
-    if more > 0 {
-        faults.push(count(more, "more parameter change"));
-    }
-    if !faults.is_empty() {
-        all.push(format!("Faults    {}", faults.join(", ")));
-    }
+    all.extend(faults(report).filter(|_| !is_lost(report)));
     let channels = report.redundancy.as_ref().map(shared::channels);
     all.extend(channels.map(|it| format!("Channels  {it}")));
     let firmware = report.firmware.as_ref().map(shared::firmware);
     all.extend(firmware.map(|it| format!("Firmware  {it}")));
     all.extend(report.deaths.last().map(|last| {
-        let last = flight::failure_line(last);
+        let last = flight::failure_line(report, last);
         match process_failures::number(report) {
             1 => format!("Deaths    {last}"),
             number => format!("Deaths    {number}, the last one: {last}"),

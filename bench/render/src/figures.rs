@@ -256,8 +256,8 @@ impl<'a> Figures<'a> {
             let points = self.late.iter().map(|it| (it.time_s, it.late_us));
             let scale = Scale::log(points.clone().map(|point| point.1));
             let chart =
-                self.chart_over_time("late by [us]", scale, vec![Layer::stems("late", points)]);
-            let title = "Late commands: lateness";
+                self.chart_over_time("missed by [us]", scale, vec![Layer::stems("late", points)]);
+            let title = "Missed deadlines: by how much";
             figures.push(Figure::new("late", title, Vec::new(), chart));
         }
         figures

@@ -18,7 +18,7 @@ use analysis::timer_lead::LeadSection;
 use flight_log::FILE;
 use flight_log::facts::{AROUND_MISSES, OFF};
 use messages::realtime::RealtimeStep;
-use messages::role::STAGES;
+use messages::role::{CHANNEL_ROLES, STAGES};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 
@@ -277,12 +277,14 @@ fn deadlines(report: &Report) -> Vec<Block> {
     let mut blocks = vec![Block::Fact("Ticks", counted)];
     let not_fresh = deadlines.not_fresh.as_ref();
     blocks.extend(not_fresh.map(|it| Block::Fact("Commands", it.sentence(ticks))));
-    let (missed, ppm, late) = (
+    let (missed, ppm, by_stamps) = (
         deadlines.missed,
         deadlines.missed_ppm,
         deadlines.missed_by_stamps,
     );
-    let said = format!("missed {missed} ({ppm:.1} per million); late by their stamps {late}");
+    let said = format!(
+        "missed {missed} ({ppm:.1} per million); by the stamps of the commands {by_stamps}"
+    );
     blocks.push(Block::Fact("Deadlines", said));
     let most = deadlines.late.iter().map(|bucket| bucket.count).max();
     let most = most.unwrap_or(1).max(1);
@@ -294,7 +296,7 @@ fn deadlines(report: &Report) -> Vec<Block> {
     let runs = deadlines.runs.iter();
     let runs = runs.map(|run| row([&run.length_ticks, &run.count]));
     for table in [
-        Table::new(["late by [us]", "commands", ""], late),
+        Table::new(["missed by [us]", "deadlines", ""], late),
         Table::new(["missed in a row", "times"], runs),
     ] {
         if !table.rows.is_empty() {
@@ -354,7 +356,7 @@ fn redundancy(section: &RedundancySection) -> Vec<Block> {
     };
     let mut items: Vec<String> = section.outages.iter().map(line).collect();
     if section.outages_left_out > 0 {
-        items.push(format!("and {} later ones", section.outages_left_out));
+        items.push(format!("and {} more", section.outages_left_out));
     }
     if !items.is_empty() {
         blocks.push(Block::Items(items));
@@ -370,7 +372,7 @@ fn deaths(report: &Report) -> Vec<Block> {
     }
     let mut items = Vec::new();
     for death in &report.deaths {
-        items.push(failure_line(death));
+        items.push(failure_line(report, death));
         items.extend(death.back_parts.as_ref().map(|phases| {
             let phases = recovery_phases(phases).map(|(phase, ms)| format!("{phase} {ms:.2}"));
             format!("  a new process [ms]: {}", phases.join(", "))
@@ -385,13 +387,17 @@ fn deaths(report: &Report) -> Vec<Block> {
 }
 
 /// Who, when and how, and what it cost, in one line.
-pub fn failure_line(failure: &ProcessFailure) -> String {
+pub fn failure_line(report: &Report, failure: &ProcessFailure) -> String {
     let (role, tick, time_s) = (&failure.role, failure.tick, failure.time_s);
+    // Names of channel a are those of a flight with one channel.
+    let is_of_a = CHANNEL_ROLES.iter().any(|it| it.name() == role);
+    let is_named = report.redundancy.is_some() && is_of_a;
+    let channel = if is_named { "a." } else { "" };
     let how = match failure.how.as_str() {
         "" => "cause of the end unknown",
         how => how,
     };
-    let mut line = format!("{role} at tick {tick} ({time_s:.3} s): {how}");
+    let mut line = format!("{channel}{role} at tick {tick} ({time_s:.3} s): {how}");
     let noticed = failure.noticed_after_ms;
     line.extend(noticed.map(|ms| format!(", noticed after {ms:.0} ms")));
     match (failure.back_after_ms, failure.ticks_lost) {

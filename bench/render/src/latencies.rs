@@ -207,7 +207,7 @@ fn histogram(report: &Report, title: &str, all: &[Member<'_>], value: Value) -> 
             let zero = format!("a tick: {tick_us} us");
             (tick_us, "difference from a tick [us]", Some(zero))
         }
-        Value::Late => (0.0, "late by [us]", Some("the deadline".into())),
+        Value::Late => (0.0, "missed by [us]", Some("the deadline".into())),
         _ => (0.0, "latency [us]", None),
     };
     let bins = |series: &Distribution| -> Vec<(f64, f64, f64)> {

@@ -80,7 +80,7 @@ fn list(outages: &OutageSection) -> Vec<Block> {
     blocks
 }
 
-/// The programs and interrupts that ran instead of the late stages, those that took the most time first; none without a
+/// The programs and interrupts that ran instead of the delayed stages, those that took the most time first; none without a
 /// trace.
 fn culprits(outages: &OutageSection) -> Option<Block> {
     let mut culprits = BTreeMap::<&str, (u64, f64)>::new();

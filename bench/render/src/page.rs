@@ -22,8 +22,9 @@ const SHOWN_AT_ONCE: [&str; 12] = [
     "waterfall-p99",
     "late",
 ];
-/// Events in the list of what happened.
+/// Events in the list of what happened, and their kinds: of more events, the last of these kinds are left out.
 const EVENTS: usize = 14;
+const KINDS: &str = "end outage handover process fault parameter target";
 /// Outages among them, the longest ones, and handovers, those after the longest outages of a channel.
 const OUTAGES: usize = 3;
 const HANDOVERS: usize = 3;
@@ -96,7 +97,7 @@ fn events(report: &Report) -> Block {
     let targets = report.targets.iter();
     events.extend(targets.map(|it| (it.time_s, "target", sentences::targets(it))));
     let deaths = report.deaths.iter();
-    events.extend(deaths.map(|it| (it.time_s, "process", failure_line(it))));
+    events.extend(deaths.map(|it| (it.time_s, "process", failure_line(report, it))));
     if let Some(redundancy) = &report.redundancy {
         let mut handovers: Vec<_> = redundancy.outages.iter().collect();
         handovers.retain(|it| it.handover);
@@ -111,24 +112,27 @@ fn events(report: &Report) -> Block {
             )
         }));
     }
-    let mut outages: Vec<_> = report.autopsy.worst.iter().collect();
-    outages.sort_by(|a, b| b.delay_us.total_cmp(&a.delay_us));
-    events.extend(outages.into_iter().take(OUTAGES).map(|it| {
+    let outages = report.autopsy.worst.iter().take(OUTAGES);
+    events.extend(outages.map(|it| {
         let (ticks, delay_us, evidence) = (count(it.ticks, "tick"), it.delay_us, &it.evidence);
         let said = format!("{ticks}, a delay of {delay_us:.0} us: {evidence}");
         (it.time_s, "outage", said)
     }));
     let end_s = report.ticks.flown_s(&report.run);
     events.push((end_s, "end", ending(report).to_owned()));
-    events.sort_by(|a, b| a.0.total_cmp(&b.0));
     let left_out = events.len().saturating_sub(EVENTS);
-    let rows = events.into_iter().take(EVENTS);
-    let rows = rows.map(|(time_s, kind, what)| [format!("{time_s:.3} s"), kind.into(), what]);
+    let place = |it: &(f64, &str, String)| KINDS.find(it.1);
+    events.sort_by_key(place);
+    events.truncate(EVENTS);
+    events.sort_by(|a, b| a.0.total_cmp(&b.0).then(place(b).cmp(&place(a))));
+    let rows = events
+        .into_iter()
+        .map(|(time_s, kind, what)| [format!("{time_s:.3} s"), kind.into(), what]);
     let rows = rows.collect();
     let title = match left_out {
         0 => "What happened".to_owned(),
-        1 => "What happened; one later event is in the sections below".to_owned(),
-        n => format!("What happened; {n} later events are in the sections below"),
+        1 => "What happened; one more event is in the sections below".to_owned(),
+        n => format!("What happened; {n} more events are in the sections below"),
     };
     Block::Events(title, rows)
 }

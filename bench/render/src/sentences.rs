@@ -3,6 +3,9 @@
 use std::collections::BTreeMap;
 
 use analysis::faults::{AppliedSwap, InjectedFault, ParameterChange};
+use analysis::miss_causes::MissCause;
+use analysis::outages::OutageCase;
+use analysis::process_failures::number;
 use analysis::schema::{
     AGITATION, AcceptanceResult, ControlPerformance, FirmwareSection, FlightVerdict, Gate,
     LawSection, LossSection, MarginSection, QuantityError, RedundancySection, Report,
@@ -91,7 +94,9 @@ pub fn fault(fault: &InjectedFault) -> String {
     } else {
         ""
     };
-    format!("{what} {when}{live}")
+    let delayed = fault.delayed_ticks;
+    let delayed = delayed.map(|ticks| format!(", begun {} later", count(ticks, "tick")));
+    format!("{what} {when}{live}{}", delayed.unwrap_or_default())
 }
 
 /// `setpoint.drop=0.1 8.000 to 9.000 s`.
@@ -222,58 +227,61 @@ pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, String, &str); 3] {
     ]
 }
 
-/// At most three commands after a flight that was lost, late or refused its rights, each with what it shows.
+/// At most three commands after a flight that was lost, late or refused its rights, each with what it shows. The recorded
+/// causes decide: the machine is not suspected of what a fault, a law or the end of a process did.
 pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
     let mut steps = Vec::new();
     let mut step = |command: &str, shows| steps.push((format!("ironbird {command}"), shows));
-    let was_refused = (report.roles.values())
-        .flat_map(|role| &role.realtime)
-        .any(|step| step.refused.is_some());
-    let is_late = report.words.timing.word == TimingVerdict::Late;
-    let is_lost = matches!(
-        report.words.flight.word,
-        FlightVerdict::Lost | FlightVerdict::OffTrack
-    );
+    let mut granted = report.roles.values().flat_map(|role| &role.realtime);
+    let was_refused = granted.any(|step| step.refused.is_some());
+    let (flight, timing) = (report.words.flight.word, report.words.timing.word);
+    let is_lost = matches!(flight, FlightVerdict::Lost | FlightVerdict::OffTrack);
+    let is_late = timing == TimingVerdict::Late;
+    let mut laws = report.run.laws.values();
+    let has_failed_law = laws.any(|law| law.first_not_finite.is_some());
+    let has_lost_process = number(report) > 0;
+    let is_explained = |it: &OutageCase| {
+        let of_itself = matches!(it.class, MissCause::StoppedOrDead | MissCause::MessageFault);
+        of_itself || !it.faults.is_empty()
+    };
+    let worst = &report.autopsy.worst;
+    let is_disturbed = is_late && (worst.is_empty() || !worst.iter().all(is_explained));
+    if (is_lost || is_late) && has_failed_law {
+        step("replay latest", "runs the laws again on their inputs");
+    }
+    if (is_lost || is_late) && has_lost_process {
+        step("report --section deaths", "says how each process ended");
+    }
     let loss = report.loss.as_ref();
     let is_lost_by_delays = loss.is_some_and(|it| it.without_delays.lost_at_s.is_none());
-    if is_lost && !is_lost_by_delays {
+    if is_lost && !is_lost_by_delays && !has_failed_law {
         if let Some(law) = loss.and_then(|it| it.held_by.as_ref()) {
             step(
                 &format!("fly {law}"),
                 "with the same flags: a law with which the simulated flight is not lost",
             );
         }
-        step(
-            "simulate",
-            "with the same flags: the same flight without the machine's delays",
-        );
+        if !has_lost_process {
+            step(
+                "simulate",
+                "with the same flags: the same flight without the machine's delays",
+            );
+        }
         step(
             "margin",
             "measures the outage, delay and loss that the loop survives",
         );
     }
-    if was_refused || is_late {
-        step(
-            "doctor",
-            "names what disturbs the loops here, each with its remedy",
-        );
+    if was_refused || is_disturbed {
+        step("doctor", "names what disturbs the loops, and remedies");
     }
     if is_late {
-        step(
-            "report --section outages",
-            "lists the longest outages with what was observed",
-        );
+        step("report --section outages", "lists the longest outages");
     }
     if was_refused {
-        step(
-            "fly --pace lockstep",
-            "flies without the clock: it needs no rights",
-        );
-    } else if is_late {
-        step(
-            "fly --floor 11s",
-            "measures this machine's timer and ring beside the flight",
-        );
+        step("fly --pace lockstep", "needs no clock and no rights");
+    } else if is_disturbed {
+        step("fly --floor 11s", "measures this machine beside the flight");
     }
     steps.truncate(3);
     steps
@@ -538,8 +546,11 @@ mod tests {
                 "state.freeze called off before 1.000 s",
             ),
             (
-                freeze(None).in_flight(),
-                "state.freeze from tick 500 (1.000 s), injected in flight",
+                InjectedFault {
+                    delayed_ticks: Some(7),
+                    ..freeze(None).in_flight()
+                },
+                "state.freeze from tick 500 (1.000 s), injected in flight, begun 7 ticks later",
                 "state.freeze from 1.000 s on",
             ),
         ] {

@@ -19,13 +19,14 @@ use analysis::comparison::{
     TRUE_ERROR,
 };
 use analysis::diff::{ComparedRun, compare};
+use analysis::faults::{AppliedSwap, InjectedFault, ProcessFailure};
 use analysis::margin::Margins;
-use analysis::schema::{AngleErrors, Report};
+use analysis::schema::{AngleErrors, FlightVerdict, RedundancySection, Report};
 use analysis::traces::{Group, Trace};
 use hashed::hashed;
 use render::brief::Left;
 use render::cases::Cases;
-use render::{brief, comparison, diff, files, flight, junit, margin};
+use render::{brief, comparison, diff, files, flight, junit, margin, page, sentences};
 
 fn recorded(flight: &str, file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -114,12 +115,55 @@ fn reports_are_their_snapshots() {
 #[test]
 fn a_flight_in_lockstep_ends_after_its_faults_and_not_when_the_clock_says() {
     let mut report = Report::read(&recorded("lockstep", "report.json")).unwrap();
-    let written = tempfile::tempdir().unwrap();
-    files::write_all(&mut report, written.path());
-    let page = fs::read_to_string(written.path().join("report.html")).unwrap();
-    let place = |text: &str| page.find(text).unwrap_or_else(|| panic!("no {text}"));
     assert!(report.ticks.elapsed_s < 0.1);
-    assert!(place("<time>0.100 s") < place("<time>0.301 s"));
+    let page = page::render(&report);
+    let place = |page: &str, text| page.find(text).unwrap_or_else(|| panic!("no {text}"));
+    assert!(place(&page, "<time>0.100 s") < place(&page, "<time>0.301 s"));
+    // However many faults there are before them, the end of a process and of the flight are shown.
+    let fault = |tick| InjectedFault::new("state.drop=0.1".into(), tick, None, 1e-3);
+    report.faults = (0..20).map(fault).collect();
+    report.redundancy = Some(RedundancySection::default());
+    report.deaths = vec![ProcessFailure {
+        role: "inner".into(),
+        time_s: 0.2,
+        ..ProcessFailure::default()
+    }];
+    let page = page::render(&report);
+    assert!(place(&page, "a.inner at tick 0") < place(&page, "<time>0.301 s"));
+    let left_out = "What happened; 9 more events are in the sections below";
+    place(&page, left_out);
+    // The summary of a lost flight has the parameter changes that came last.
+    report.words.flight.word = FlightVerdict::Lost;
+    let swap = |time_s| AppliedSwap {
+        time_s,
+        ..report.swaps[0].clone()
+    };
+    report.swaps = [0.1, 0.2, 0.25].map(swap).into();
+    let summary = brief::render(&report, &Left::default());
+    assert!(summary.contains("0.0297 at 0.250"), "{summary}");
+}
+
+#[test]
+fn the_recorded_causes_decide_what_to_do_next() {
+    let mut report = Report::read(&recorded("outages", "report.json")).unwrap();
+    let next = |report: &Report| {
+        let steps = sentences::next_steps(report).into_iter();
+        steps.map(|(command, _)| command).collect::<Vec<_>>()
+    };
+    let deaths = "ironbird report --section deaths";
+    let outages = "ironbird report --section outages";
+    report.words.flight.word = FlightVerdict::Lost;
+    let (margin, doctor) = ("ironbird margin", "ironbird doctor");
+    assert_eq!(next(&report), [deaths, margin, doctor]);
+    // A fault was on in each outage.
+    let worst = &mut report.autopsy.worst;
+    worst
+        .iter_mut()
+        .for_each(|it| it.faults = vec!["inner.kill".into()]);
+    assert_eq!(next(&report), [deaths, margin, outages]);
+    report.deaths.clear();
+    report.run.laws.get_mut("inner").unwrap().first_not_finite = Some(7);
+    assert_eq!(next(&report), ["ironbird replay latest", outages]);
 }
 
 #[test]

@@ -11,6 +11,7 @@ use process::signals::asks_for_the_end;
 use rustix::fs::statvfs;
 
 use crate::child_process::{LANDING_TIMEOUT, STOP_TIMEOUT, log_path, title};
+use analysis::faults::InjectedFault;
 use analysis::gates::break_off;
 use analysis::process_failures::{self, ObservedFailure};
 use analysis::schema::{FlightStatus, Report};
@@ -33,6 +34,8 @@ pub struct Outcome {
     pub(super) outlasted: Vec<Replica>,
     /// Processes that failed in flight.
     pub(super) noted: Vec<ObservedFailure>,
+    /// Faults of processes that began after their tick.
+    pub(super) delayed: Vec<InjectedFault>,
     /// The pace of the ticks in which they failed.
     pub(super) grid: Option<Pace>,
 }
@@ -127,12 +130,20 @@ impl Outcome {
         true
     }
 
-    /// Adds the processes that failed in flight to the report; returns whether there were any.
+    /// Adds the processes that failed in flight, and the faults that were late, to the report; returns whether there were any.
     fn note_failures(&self, report: &mut Report) -> bool {
+        for fault in &mut report.faults {
+            self.delayed.iter().for_each(|delayed| fault.note(delayed));
+        }
+        if !self.delayed.is_empty() {
+            let period_s = report.run.period_us / 1e6;
+            let outages = std::mem::take(&mut report.autopsy);
+            report.autopsy = outages.with_faults(&report.faults, period_s, &report.deaths);
+        }
         if let Some(pace) = &self.grid {
             process_failures::note(report, &self.noted, pace);
         }
-        self.grid.is_some()
+        self.grid.is_some() || !self.delayed.is_empty()
     }
 
     /// The first stage whose final figures the recorder did not get, and that was gone when the run was closed: an exit

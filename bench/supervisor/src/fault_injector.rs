@@ -18,10 +18,10 @@ use process::rt::loops_cpu;
 use rustix::process::Signal;
 
 use crate::child_process::{ChildWatch, kill_and_reap};
-use analysis::phrase::count;
+use analysis::faults::InjectedFault;
 use config::Settings;
 use errors::Failure;
-use faults::grammar::{Fault, planned_again};
+use faults::grammar::{joined, planned_again};
 use faults::{StageKind, Target};
 
 /// How often to look for injected faults: if possible, four times between an injection and its first tick.
@@ -52,6 +52,8 @@ pub(super) struct FaultInjector {
     is_released: bool,
     /// Messages for the supervisor to announce.
     pub(super) messages: Vec<String>,
+    /// Faults that began after their tick, to announce and to report.
+    pub(super) delayed: Vec<InjectedFault>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -103,6 +105,7 @@ impl FaultInjector {
             killed: Vec::new(),
             is_released: false,
             messages: Vec::new(),
+            delayed: Vec::new(),
         })
     }
 
@@ -180,7 +183,10 @@ impl FaultInjector {
         }
         let ahead_ns = match fault.kind.target {
             // Stages and the plant inject them.
-            Target::Message(..) | Target::Number(..) | Target::Channel(..) => return,
+            Target::Message(..)
+            | Target::Number(..)
+            | Target::Channel(..)
+            | Target::Stage(StageKind::Late, ..) => return,
             Target::Processor(_) if !fault.ends => START_AHEAD_NS,
             Target::Processor(_) | Target::Stage(..) => 0,
         };
@@ -213,9 +219,8 @@ impl FaultInjector {
         for (at, action) in due {
             match action {
                 Action::Inject(fault) => {
-                    if let Some(delay) = delay(&fault, grid.tick_at(now)) {
-                        self.messages.push(delay);
-                    }
+                    let (now, period_s) = (grid.tick_at(now), run.flight_time_s(1));
+                    self.delayed.extend(delayed(&fault, now, period_s));
                     if let Err(failure) = self.inject(&fault, run, grid, players) {
                         let message = format!("a fault was not injected: {failure}");
                         self.messages.push(message);
@@ -249,8 +254,6 @@ impl FaultInjector {
                 self.end_loads(|other| other.kind.is_like(&fault.kind) && other.span.from < tick);
             }
             Target::Processor(kind) => self.load(fault, kind.load(fault.kind.value), run, grid)?,
-            // The stage itself computes longer.
-            Target::Stage(StageKind::Late, ..) => {}
             Target::Stage(StageKind::Stop, ..) => {
                 let for_ns = fault.kind.value.integer();
                 sleep_through(begin_ns);
@@ -269,7 +272,10 @@ impl FaultInjector {
                 let pids = players.signal(fault, Signal::KILL)?;
                 self.killed.extend(pids.into_iter().map(|pid| (pid, tick)));
             }
-            Target::Message(..) | Target::Number(..) | Target::Channel(..) => {}
+            Target::Message(..)
+            | Target::Number(..)
+            | Target::Channel(..)
+            | Target::Stage(StageKind::Late, ..) => {}
         }
         Ok(())
     }
@@ -324,19 +330,16 @@ impl Drop for FaultInjector {
     }
 }
 
-/// The message about a fault whose first tick has passed.
-fn delay(fault: &LiveFault, tick: u64) -> Option<String> {
-    let ticks = tick
-        .checked_sub(fault.span.from)
-        .filter(|ticks| *ticks > 0)?;
-    let what: String = planned_again(&[*fault])
-        .iter()
-        .map(Fault::to_string)
-        .collect();
-    Some(format!(
-        "the fault {what} begins {} late: the supervisor was notified, or scheduled, late",
-        count(ticks, "tick")
-    ))
+/// A fault whose first tick has passed.
+fn delayed(fault: &LiveFault, now: u64, period_s: f64) -> Option<InjectedFault> {
+    let tick = fault.span.from;
+    let delayed_ticks = now.checked_sub(tick).filter(|ticks| *ticks > 0)?;
+    let planned = planned_again(&[*fault]);
+    let what = planned.iter().map(|it| joined(&it.changes)).collect();
+    Some(InjectedFault {
+        delayed_ticks: Some(delayed_ticks),
+        ..InjectedFault::new(what, tick, None, period_s)
+    })
 }
 
 #[cfg(test)]
@@ -345,6 +348,7 @@ mod tests {
     use std::os::unix::process::ExitStatusExt as _;
 
     use super::*;
+    use faults::grammar::Fault;
 
     /// Runs a test with the fault injector of a flight whose tick 0 begins, on the clock.
     fn with_injector(faults: &[&str], test: impl FnOnce(&Wire, &mut FaultInjector, &Run)) {
@@ -456,8 +460,14 @@ mod tests {
     #[test]
     fn a_late_fault_is_reported() {
         let fault = fault("inner.stop=20ms@tick100");
-        assert_eq!([99, 100].map(|tick| delay(&fault, tick)), [None, None]);
-        let message = delay(&fault, 107).unwrap();
-        assert!(message.starts_with("the fault inner.stop=20ms@tick100 begins 7 ticks late"));
+        assert_eq!(delayed(&fault, 100, 1e-3), None);
+        let late = delayed(&fault, 107, 1e-3).unwrap();
+        let faults = ["mixer.kill,inner.stop=20ms", "inner.kill"];
+        let faults = faults.map(|what| {
+            let mut planned = InjectedFault::new(what.to_owned(), 100, None, 1e-3);
+            planned.note(&late);
+            planned.delayed_ticks
+        });
+        assert_eq!(faults, [Some(7), None]);
     }
 }

@@ -329,6 +329,12 @@ impl FlightSupervisor {
         };
         self.fault_injector
             .rest(&self.wire, run.as_ref(), look_every, &mut players);
+        for fault in std::mem::take(&mut self.fault_injector.delayed) {
+            let what = render::sentences::fault(&fault);
+            let why = "the supervisor was notified, or scheduled, late";
+            self.announce(Subject::Fault, &format!("the fault {what}: {why}"));
+            self.outcome.delayed.push(fault);
+        }
         for message in std::mem::take(&mut self.fault_injector.messages) {
             self.announce(Subject::Fault, &message);
         }

@@ -63,7 +63,7 @@ layout! {
     }
 }
 
-/// Outages that are kept each; later ones are only counted.
+/// Outages that are kept each, the longest and the newest; others are only counted.
 pub const OUTAGES_KEPT: usize = 64;
 
 layout! {

@@ -22,10 +22,11 @@ impl Grid {
             .saturating_add(tick.saturating_mul(self.period_ns))
     }
 
-    /// When a stage waits no longer for its input of a tick [ns]; one that the plant preempts, at the latest.
-    pub const fn cut_off_of(&self, stage: Role, tick: u64) -> u64 {
+    /// When a stage waits no longer for its input of a tick of which it leaves the plant so much for its lead [ns].
+    pub const fn cut_off_of(&self, stage: Role, tick: u64, lead_ns: u64) -> u64 {
+        let usable_ns = self.period_ns.saturating_sub(lead_ns);
         self.begin_of(tick)
-            .saturating_add(self.period_ns * stage.deadline_percent() / 100)
+            .saturating_add(usable_ns * stage.deadline_percent() / 100)
     }
 
     /// The tick that an instant lies in; 0 before the first has begun.

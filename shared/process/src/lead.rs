@@ -10,6 +10,7 @@ use ipc::clock::{now_ns, sleep_until};
 use ipc::error::Error;
 use messages::grid::Grid;
 use messages::realtime::{LONGEST_LEAD_NS, Lead, LeadSetting, RealtimeSettings};
+use messages::role::{Channel, Replica, Role};
 
 /// At take-off an automatic lead covers this multiple of the 90th percentile of timer lateness, a figure that rare stalls
 /// of the host do not move.
@@ -105,10 +106,18 @@ fn automatic(timer_p90_ns: u64, rehearsal_ns: u64, period_ns: u64) -> Lead {
 }
 
 /// The longest lead that a flight with these settings may have [ns].
-pub(crate) fn longest(settings: &RealtimeSettings, period_ns: u64) -> u64 {
+fn longest(settings: &RealtimeSettings, period_ns: u64) -> u64 {
     match settings.lead {
         LeadSetting::Fixed(ns) => ns,
         LeadSetting::Auto => most(period_ns, settings.rehearse),
+    }
+}
+
+/// How much of each tick the stages of a channel leave to the plant's lead: nothing, unless the plant preempts them [ns].
+pub fn left_by(channel: Channel, settings: &RealtimeSettings, period_ns: u64) -> u64 {
+    match Replica::new(Role::Outer, channel).is_below_plant(settings.channel_cpus) {
+        true => longest(settings, period_ns),
+        false => 0,
     }
 }
 

@@ -325,10 +325,8 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
     if loop_cpus > 1 {
         pacer.poll(is_first);
     }
-    if let Pace::Realtime(grid) = armed.pace
-        && replica.is_below_plant(rt.channel_cpus)
-    {
-        pacer.end_before_lead(lead::longest(&rt, grid.period_ns));
+    if let Pace::Realtime(grid) = armed.pace {
+        pacer.end_before_lead(lead::left_by(replica.channel, &rt, grid.period_ns));
     }
     let meter = UsageMeter::start();
     let flown = fly(&mut stage, &event, &mut session, &armed, &mut pacer);

@@ -1,6 +1,6 @@
 //! Counts what each channel contributed to a flight: handovers, outages, comparisons of commands.
 
-use messages::channels::{Outage, OutageReason, Redundancy, Switchover};
+use messages::channels::{OUTAGES_KEPT, Outage, OutageReason, Redundancy, Switchover};
 use messages::role::{Channel, MOST_CHANNELS};
 
 use crate::selection::{Arrangement, Candidate, Selection, largest_difference};
@@ -10,8 +10,8 @@ use crate::selection::{Arrangement, Candidate, Selection, largest_difference};
 pub struct RedundancyAccount {
     pub redundancy: Redundancy,
     arrangement: Arrangement,
-    /// Place of each channel's present outage among those that are counted.
-    open: [Option<u64>; MOST_CHANNELS],
+    /// Place of each channel's present outage among those that are kept.
+    open: [Option<usize>; MOST_CHANNELS],
     unprotected_run: u64,
 }
 
@@ -85,10 +85,10 @@ impl RedundancyAccount {
         group: Channel,
         selection: Option<Selection>,
     ) {
-        let (account, arrangement) = (&mut self.redundancy, self.arrangement);
+        let arrangement = self.arrangement;
         let mut usable = 0;
         let outvoted = selection.and_then(|it| it.outvoted);
-        for channel in Channel::first(account.channels as usize) {
+        for channel in Channel::first(self.redundancy.channels as usize) {
             let candidate = candidates.iter().find(|it| it.channel == channel);
             let reason = match candidate {
                 None => Some(OutageReason::Missing),
@@ -104,33 +104,50 @@ impl RedundancyAccount {
                 self.open[place] = None;
                 continue;
             };
-            let number = *self.open[place].get_or_insert_with(|| {
-                account.outage_count += 1;
-                account.outage_count - 1
+            let outage = self.open[place].unwrap_or_else(|| {
+                let is_handover = self.redundancy.active == place as u64
+                    && selection.is_some_and(|it| it.chosen.channel != channel);
+                self.keep(Outage {
+                    channel: place as u64,
+                    tick,
+                    ticks: 0,
+                    reason: reason as u64,
+                    is_handover: u64::from(is_handover),
+                })
             });
-            if let Some(outage) = account.outages.get_mut(number as usize) {
-                if outage.ticks == 0 {
-                    *outage = Outage {
-                        channel: place as u64,
-                        tick,
-                        ticks: 0,
-                        reason: reason as u64,
-                        is_handover: u64::from(
-                            account.active == place as u64
-                                && selection.is_some_and(|it| it.chosen.channel != channel),
-                        ),
-                    };
-                }
-                outage.ticks += 1;
-            }
+            self.open[place] = Some(outage);
+            self.redundancy.outages[outage].ticks += 1;
         }
         self.unprotected_run = if usable < 2 {
             self.unprotected_run + 1
         } else {
             0
         };
+        let account = &mut self.redundancy;
         account.unprotected += u64::from(usable < 2);
         account.longest_unprotected = account.longest_unprotected.max(self.unprotected_run);
+    }
+
+    /// Keeps an outage that begins, and returns its place. Where all places are taken, the shortest outage that is over is
+    /// left out; of equals a handover is kept longer, then the earlier one.
+    fn keep(&mut self, outage: Outage) -> usize {
+        let account = &mut self.redundancy;
+        let mut place = account.outage_count as usize;
+        account.outage_count += 1;
+        if place >= OUTAGES_KEPT {
+            let over = (0..OUTAGES_KEPT).rev();
+            let over = over.filter(|it| !self.open.contains(&Some(*it)));
+            let weight =
+                |it: &usize| (account.outages[*it].ticks, account.outages[*it].is_handover);
+            let least = over.min_by_key(weight).unwrap_or(0);
+            account.outages[least..].rotate_left(1);
+            for open in self.open.iter_mut().flatten() {
+                *open -= usize::from(*open > least);
+            }
+            place = OUTAGES_KEPT - 1;
+        }
+        account.outages[place] = outage;
+        place
     }
 
     /// Enters by how much usable commands of other laws differ from the one that was chosen.
@@ -187,5 +204,33 @@ mod tests {
             (1, 15, 1, 0, 0),
         ];
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn the_longest_outages_are_kept_however_many_come_before_and_after_them() {
+        use Channel::{A, B};
+        let mut account = RedundancyAccount::new(Arrangement::alike(2));
+        let usable = |channel| candidate(channel, true, true, 1.0);
+        for tick in 0..1000 {
+            let mut candidates = vec![usable(A), usable(B)];
+            match tick {
+                400..450 => _ = candidates.remove(0),
+                // The other channel stays out while its entry moves up.
+                600..700 => candidates[1].is_fresh = false,
+                _ => {}
+            }
+            if tick % 2 == 1 && !(400..450).contains(&tick) {
+                candidates.remove(0);
+            }
+            account.enter(tick, &candidates, A, select(&candidates));
+        }
+        let it = &account.redundancy;
+        assert_eq!(it.outage_count, 476);
+        assert!(it.outages.is_sorted_by_key(|it| it.tick));
+        let longer = it.outages.iter().filter(|it| it.ticks > 1);
+        let longer: Vec<_> = longer.map(|it| (it.channel, it.tick, it.ticks)).collect();
+        assert_eq!(longer, [(0, 399, 51), (1, 600, 100)]);
+        let ends = [0, 1, OUTAGES_KEPT - 1].map(|place| it.outages[place].tick);
+        assert_eq!(ends, [1, 3, 999]);
     }
 }
