@@ -285,6 +285,9 @@ pub struct ControlPerformance {
     /// Angle between body z and the thrust that the reference needs.
     pub tilt_error: Option<AngleErrors>,
     pub lowest_z_m: f64,
+    /// When it was there [s]; none without a state.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lowest_at_s: Option<f64>,
     /// Norm of the inner law's rate error at the end [rad/s]; missing where the law shows none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_error_final_rad_s: Option<f64>,

@@ -101,6 +101,7 @@ pub struct TrackingStatistics {
     first_tick: Option<u64>,
     newest_tick: u64,
     lowest_z_m: f64,
+    lowest_tick: Option<u64>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -155,6 +156,7 @@ impl TrackingStatistics {
             first_tick: None,
             newest_tick: 0,
             lowest_z_m: f64::INFINITY,
+            lowest_tick: None,
         }
     }
 
@@ -163,7 +165,10 @@ impl TrackingStatistics {
         self.states += 1;
         self.first_tick.get_or_insert(tick);
         self.newest_tick = tick;
-        self.lowest_z_m = self.lowest_z_m.min(state.truth.position_w_m[2]);
+        let z_m = state.truth.position_w_m[2];
+        if z_m < self.lowest_z_m {
+            (self.lowest_z_m, self.lowest_tick) = (z_m, Some(tick));
+        }
         for (statistics, error) in self.errors.iter_mut().zip(errors) {
             statistics.take(tick, *error, self.length_ticks);
         }
@@ -208,6 +213,7 @@ impl TrackingStatistics {
             yaw_error: self.yaw().angle(),
             tilt_error: self.tilt().angle(),
             lowest_z_m: self.lowest_z_m(),
+            lowest_at_s: self.lowest_tick.map(|tick| tick as f64 * self.period_s),
             saturated_ticks: effort.saturated,
             effort: effort.section(),
             ..ControlPerformance::default()

@@ -76,7 +76,10 @@ pub fn flight_verdict(
         let why = format!("{ending}; position error up to {error:.2} m");
         (FlightVerdict::Lost, why)
     } else if lowest < ground {
-        let why = format!("below ground: down to z = {lowest:.2} m, the ground is at {ground} m");
+        let at = performance.lowest_at_s;
+        let at = at.map_or(String::new(), |at_s| format!(" at {at_s:.3} s"));
+        let why =
+            format!("below ground: down to z = {lowest:.2} m{at}, the ground is at {ground} m");
         (FlightVerdict::Lost, why)
     } else {
         let limits = [limits.error_max_m, limits.yaw_error_max_rad];

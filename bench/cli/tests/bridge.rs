@@ -330,7 +330,7 @@ fn parameters_are_read_and_changed_and_every_client_is_notified() {
     client.send(&json!({"op": "setParameters", "id": "fault", "parameters": fault}));
     let answer = client.text("parameterValues")["parameters"][0]["value"].to_string();
     assert!(
-        answer.starts_with("\"setpoint.drop=0.1 from tick "),
+        answer.starts_with("\"inner.setpoint.drop=0.1 from tick "),
         "{answer}"
     );
     for case in "mass_kg | 50 | mass_kg = 50 is out of range: allowed are 0.05 to 5.0 kg

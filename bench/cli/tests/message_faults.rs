@@ -47,9 +47,9 @@ fn faults_silence_stages_and_miss_deadlines_as_planned() {
         ("inner.stop=15ms@1s", INNER, 15, 0, 0),
         ("mixer.stop=15ms@1s", MIXER, 15, 15, 0),
         ("plant.stop=15ms,mass_kg=0.55@1s", OUTER, 0, 0, 15),
-        // A stage may be a little late; and the last command of the mixer is not used.
+        // A stage may be a little late; and the last command of the mixer is due, too.
         ("inner.late=300us@1s..2s", FRESH, 0, 0, 0),
-        ("rotor_speeds.drop=1@tick3000", MIXER, 0, 0, 0),
+        ("rotor_speeds.drop=1@tick3000", MIXER, 0, 1, 0),
         // A period more is a tick more: no setpoint is missed, but each is stale.
         ("outer.late=1ms@1s..tick1030", OUTER, 0, 0, 0),
         ("outer.late=1ms@1s..tick1030", FRESH, 30, 0, 0),

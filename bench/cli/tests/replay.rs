@@ -556,7 +556,7 @@ fn a_log_that_ends_before_its_landing_record_says_is_refused() {
         &[("ticks_run", "450")],
         |_| true,
     );
-    let words = "the plant published 450 states, and it holds 401: the last 49 are missing";
+    let words = "the plant published 450 states, and it lacks the last 49";
     assert_refused(&cut, words);
 }
 

@@ -4,7 +4,7 @@ use crate::document::{Block, Document, Figure, Section};
 use crate::figures::Figures;
 use crate::flight::{self, ending, failure_line};
 use crate::sentences::{self, count};
-use analysis::schema::Report;
+use analysis::schema::{FlightVerdict, Report};
 use errors::harmless;
 
 /// Charts that are shown at once, by name; the others of their section are in a fold.
@@ -119,7 +119,12 @@ fn events(report: &Report) -> Block {
         (it.time_s, "outage", said)
     }));
     let end_s = report.ticks.flown_s(&report.run);
-    events.push((end_s, "end", ending(report).to_owned()));
+    let flight = &report.words.flight;
+    let end = match flight.word {
+        FlightVerdict::Lost => format!("lost: {}", flight.why),
+        _ => ending(report).to_owned(),
+    };
+    events.push((end_s, "end", end));
     let left_out = events.len().saturating_sub(EVENTS);
     let place = |it: &(f64, &str, String)| KINDS.find(it.1);
     events.sort_by_key(place);

@@ -65,7 +65,7 @@ impl ExpectedMessages {
         match reader.landed("ticks_run")? {
             // A plant that dies may have published a state that it has not counted yet.
             Some(published) if states < published => Err(gap(&format!(
-                "the plant published {}, and it holds {states}: the last {} missing",
+                "the plant published {}, and it lacks the last {}",
                 count(published, "state"),
                 published - states
             ))),
