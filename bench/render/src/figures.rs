@@ -5,7 +5,7 @@ use crate::plot::{Axis, Chart, Layer, WIDTH, through};
 use crate::scale::Scale;
 use crate::sentences;
 use analysis::faults::{AppliedSwap, InjectedFault};
-use analysis::schema::{LateStretchSection, Report, SignalSection};
+use analysis::schema::{ChannelOutage, LateStretchSection, Report, SignalSection};
 use analysis::traces::{self, Group, Path, Trace, Traces};
 use std::f64::consts::PI;
 
@@ -37,6 +37,7 @@ pub struct Figures<'a> {
     pub swaps: &'a [AppliedSwap],
     pub faults: &'a [InjectedFault],
     pub late: &'a [LateStretchSection],
+    pub channel_outages: &'a [ChannelOutage],
     pub period_s: f64,
 }
 
@@ -48,6 +49,7 @@ impl<'a> Figures<'a> {
             swaps: &report.swaps,
             faults: &report.faults,
             late: &report.deadlines.stretches,
+            channel_outages: report.redundancy.as_ref().map_or(&[], |it| &it.outages),
             period_s: report.run.period_us / 1e6,
         })
     }
@@ -324,7 +326,7 @@ impl<'a> Figures<'a> {
         Figure::new(name, title, keys, chart)
     }
 
-    /// A chart over the whole flight, with its swaps, faults and missed deadlines below what it shows.
+    /// A chart over the whole flight, with its swaps, faults, handovers and missed deadlines below what it shows.
     fn chart_over_time(&self, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
         let groups = [&self.traces.flight, &self.traces.timing].into_iter();
         let ends_s = groups.filter_map(|group| {
@@ -342,8 +344,17 @@ impl<'a> Figures<'a> {
             let end = |to_s| (to_s, format!("fault until {to_s:.3} s: {what}"));
             std::iter::once(begin).chain(fault.to_s.map(end))
         });
+        let handovers = self.channel_outages.iter().filter(|it| it.handover);
+        let handovers = handovers.map(|it| {
+            let (time_s, from, reason) = (it.time_s, &it.channel, &it.reason);
+            (
+                time_s,
+                format!("handover from {from} at {time_s:.3} s: {reason}"),
+            )
+        });
         let marks = [
             Layer::verticals("missed", self.misses(end_s)),
+            Layer::verticals("handover", handovers),
             Layer::verticals("swap", swaps.chain(faults)),
         ];
         let x = Axis::new(Scale::time(0.0, end_s.max(self.period_s)), "time [s]");
@@ -429,6 +440,7 @@ mod tests {
             swaps: &[],
             faults: &[],
             late: &late,
+            channel_outages: &[],
             period_s: 1e-3,
         };
         let marks = figures.misses(30.0).into_iter();

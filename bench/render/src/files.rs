@@ -24,6 +24,7 @@ pub fn write_all(report: &mut Report, directory: &Path) {
     if let Some(figures) = Figures::of(report) {
         let figures = Figures {
             late: &[],
+            channel_outages: &[],
             ..figures
         };
         let picture = picture::render(&figures, &flight::title(&report.run));

@@ -726,8 +726,17 @@ pub(crate) fn marks(report: &Report) -> Block {
         true => "parameter change",
         false => "parameter change, fault",
     };
-    let legend = [("mark swap", swap), ("mark missed", "missed deadline")];
-    Block::Legend(legend.map(|(class, word)| (class, word.into())).into())
+    let legend = [
+        ("mark swap", swap),
+        ("mark missed", "missed deadline"),
+        ("mark handover", "handover"),
+    ];
+    let has_handovers = report
+        .redundancy
+        .as_ref()
+        .is_some_and(|it| it.handovers > 0);
+    let legend = legend.into_iter().take(2 + usize::from(has_handovers));
+    Block::Legend(legend.map(|(class, word)| (class, word.into())).collect())
 }
 
 fn firmware(report: &Report) -> Vec<Block> {

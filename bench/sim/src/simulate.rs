@@ -68,6 +68,7 @@ pub fn report(
             swaps: &flown.swaps,
             faults: &settings.injected()?,
             late: &[],
+            channel_outages: &[],
             period_s: settings.flight.period_s,
         };
         write_text(path, &picture::render(&figures, &title))?;
