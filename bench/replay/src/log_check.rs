@@ -14,7 +14,7 @@ use config::trajectory::is_file;
 use config::{PointsFile, Settings};
 use errors::Failure;
 use faults::grammar::{Change, Fault};
-use flight_log::build::Build;
+use flight_log::build::{Build, executable};
 use flight_log::entry::LogEntry;
 use flight_log::facts::{CHANNEL, INJECTED, POINTS, RUN, SETTINGS};
 use flight_log::fault_record::injected;
@@ -146,7 +146,12 @@ pub fn settings_of(reader: &LogReader) -> Result<Settings, Failure> {
         defaults.lines().any(|it| it == *line) && !flown.lines().any(|it| it.starts_with(key))
     };
     if !shared.lines().filter(|it| !is_newer(it)).eq(flown.lines()) {
-        return Err(reader.damaged("its settings.toml is not what its processes shared"));
+        let mut what = "its settings.toml is not what its processes shared".to_owned();
+        let (there, here) = (reader.build(), executable());
+        if there != here {
+            what += &format!(", or {there}, which flew it, has other settings than {here}");
+        }
+        return Err(reader.damaged(&what));
     }
     let here = format!("{:016x}", fingerprint(flown));
     if here != agreed {
