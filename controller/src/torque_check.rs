@@ -23,6 +23,8 @@ const ROUNDING_OF_ZERO: f64 = 1e-12;
 const FORGETS: f64 = 46.0;
 /// Ticks kept: the longest delay of a command, 10 ms, is 80 ticks at 8 kHz.
 pub const KEPT: usize = 128;
+/// Wrenches kept: a fault may let one act that is as many ticks old.
+const WRENCHES: usize = 1024;
 
 #[derive(Clone, Debug)]
 pub struct TorqueCheck {
@@ -36,7 +38,7 @@ pub struct TorqueCheck {
     /// Ticks after which the slowest command filter has forgotten its state.
     forgets_ticks: u64,
     /// The torque of each of the newest wrenches [N m], at its tick's place.
-    wrenches: [Option<(u64, Vector3<f64>)>; KEPT],
+    wrenches: Vec<Option<(u64, Vector3<f64>)>>,
     /// An older wrench that the rotors gave instead of their command's [N m]: a frozen one stays for long.
     held: Option<Vector3<f64>>,
     /// Each of the newest rotor commands, at its tick's place.
@@ -93,7 +95,7 @@ impl TorqueCheck {
             period_s: rig.period_s,
             followed_from: 0,
             forgets_ticks: (forgets_s / rig.period_s).ceil() as u64,
-            wrenches: [None; KEPT],
+            wrenches: vec![None; WRENCHES],
             held: None,
             commands: [None; KEPT],
             in_force: [None; KEPT],
@@ -159,7 +161,7 @@ impl TorqueCheck {
         if measured.is_some() {
             self.in_force[tick as usize % KEPT] = Some(self.in_force_at(tick, &state.content));
         }
-        self.wrenches[tick as usize % KEPT] = Some((tick, wrench_nm));
+        self.wrenches[tick as usize % WRENCHES] = Some((tick, wrench_nm));
         TorqueSeen { law, rotors }
     }
 
@@ -214,8 +216,8 @@ impl TorqueCheck {
     }
 }
 
-fn of_tick<T: Copy>(kept: &[Option<(u64, T)>; KEPT], tick: u64) -> Option<T> {
-    let of_tick = kept[tick as usize % KEPT].filter(|(of_tick, _)| *of_tick == tick);
+fn of_tick<T: Copy>(kept: &[Option<(u64, T)>], tick: u64) -> Option<T> {
+    let of_tick = kept[tick as usize % kept.len()].filter(|(of_tick, _)| *of_tick == tick);
     of_tick.map(|(_, value)| value)
 }
 

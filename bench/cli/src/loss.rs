@@ -1,14 +1,13 @@
 //! Examines why a flight was lost, in a process of its own: a law from a library may end it.
 
 use std::path::Path;
-use std::process::Stdio;
 use std::time::Duration;
 
 use analysis::schema::LossSection;
 use errors::output::print;
 use errors::{Failure, OK};
 use host::own_executable;
-use supervisor::child_process::wait_at_most;
+use supervisor::child_process::output_within;
 
 /// The simulations of a flight take a fraction of its time.
 const LIMIT: Duration = Duration::from_secs(60);
@@ -16,22 +15,15 @@ const LIMIT: Duration = Duration::from_secs(60);
 /// The section on the loss of a flight, by its directory.
 pub fn examine(directory: &Path) -> Result<LossSection, Failure> {
     let failed = |e: std::io::Error| Failure::failed(format!("its simulation: {e}"));
-    let mut child = process::signals::child(&own_executable()?, "examine-loss")
-        .arg(directory.join(flight_log::FILE))
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .map_err(failed)?;
-    if wait_at_most(&mut child, LIMIT).is_none() {
-        child.kill().map_err(failed)?;
-    }
-    let output = child.wait_with_output().map_err(failed)?;
+    let mut command = process::signals::child(&own_executable()?, "examine-loss");
+    command.arg(directory.join(flight_log::FILE));
+    let output = output_within(&mut command, LIMIT).map_err(failed)?;
     serde_json::from_slice(&output.stdout).unwrap_or_else(|_| {
-        let (status, complaint) = (output.status, String::from_utf8_lossy(&output.stderr));
+        let complaint = String::from_utf8_lossy(&output.stderr);
+        let last = complaint.trim().lines().last().unwrap_or_default();
         Err(Failure::failed(format!(
-            "its simulation ended with {status}: {}",
-            complaint.trim()
+            "its simulation ended with {}: {last}",
+            output.status
         )))
     })
 }

@@ -1,10 +1,11 @@
 //! The processes of a flight as children of the supervisor: how they are started, signalled, waited for and named.
 
 use std::fs::File;
+use std::io::{Read as _, Seek as _};
 use std::os::fd::{AsFd as _, OwnedFd};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -26,6 +27,8 @@ pub(super) const STOP_TIMEOUT: Duration = Duration::from_secs(5);
 pub(super) const LANDING_TIMEOUT: Duration = Duration::from_secs(30);
 
 const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// Most of a program's output that is read.
+const MOST_OUTPUT: u64 = 16 << 20;
 
 /// What messages call the process of a role.
 pub(super) fn title(replica: Replica) -> String {
@@ -218,6 +221,38 @@ pub fn end(child: &mut Child, limit: Duration) {
     }
 }
 
+/// What a program writes. It is killed if it still runs after `limit`, and with it whatever it has started and left.
+pub fn output_within(command: &mut Command, limit: Duration) -> std::io::Result<Output> {
+    // Files: a pipe would be full, or held open by a process that is left.
+    let mut files = [tempfile::tempfile()?, tempfile::tempfile()?];
+    let [stdout, stderr] = files.each_ref().map(File::try_clone);
+    let command = command.stdin(Stdio::null()).process_group(0);
+    let mut child = command.stdout(stdout?).stderr(stderr?).spawn()?;
+    let mut children = ChildWatch::default();
+    children.watch(&child);
+    let until = Instant::now() + limit;
+    let status = loop {
+        if let Some(status) = children.reap(&mut child)? {
+            break status;
+        }
+        if Instant::now() >= until {
+            kill(&mut child);
+        }
+        sleep(LOOK_EVERY);
+    };
+    let [stdout, stderr] = files.each_mut().map(|file| {
+        let mut bytes = Vec::new();
+        file.rewind()?;
+        file.take(MOST_OUTPUT).read_to_end(&mut bytes)?;
+        Ok::<_, std::io::Error>(bytes)
+    });
+    Ok(Output {
+        status,
+        stdout: stdout?,
+        stderr: stderr?,
+    })
+}
+
 /// The exit status of a child; none if it still runs after `limit`.
 pub fn wait_at_most(child: &mut Child, limit: Duration) -> Option<ExitStatus> {
     let until = Instant::now() + limit;
@@ -239,6 +274,20 @@ mod tests {
     use std::io::{BufRead as _, BufReader};
 
     use super::*;
+
+    #[test]
+    fn what_a_program_writes_is_read_however_much_it_is_and_whatever_it_leaves() {
+        let script = "head -c 200000 /dev/zero >&2; echo done; sleep 600 & exit 7";
+        let mut shell = Command::new("sh");
+        let output = output_within(shell.args(["-c", script]), Duration::from_secs(60)).unwrap();
+        assert_eq!(
+            (output.status.code(), &*output.stdout),
+            (Some(7), &b"done\n"[..])
+        );
+        assert_eq!(output.stderr.len(), 200_000);
+        let output = output_within(Command::new("sleep").arg("600"), Duration::ZERO).unwrap();
+        assert_eq!(output.status.code(), None);
+    }
 
     fn sleeper() -> Child {
         Command::new("sleep").arg("600").spawn().unwrap()

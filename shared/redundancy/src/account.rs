@@ -105,18 +105,22 @@ impl RedundancyAccount {
                 continue;
             };
             let outage = self.open[place].unwrap_or_else(|| {
-                let is_handover = self.redundancy.active == place as u64
-                    && selection.is_some_and(|it| it.chosen.channel != channel);
                 self.keep(Outage {
                     channel: place as u64,
                     tick,
                     ticks: 0,
                     reason: reason as u64,
-                    is_handover: u64::from(is_handover),
+                    is_handover: 0,
                 })
             });
             self.open[place] = Some(outage);
-            self.redundancy.outages[outage].ticks += 1;
+            let flew = self.redundancy.active == place as u64;
+            let outage = &mut self.redundancy.outages[outage];
+            outage.ticks += 1;
+            // Its command may be flown for longer than it is usable.
+            if flew && selection.is_some_and(|it| it.chosen.channel != channel) {
+                outage.is_handover = 1;
+            }
         }
         self.unprotected_run = if usable < 2 {
             self.unprotected_run + 1
@@ -204,6 +208,31 @@ mod tests {
             (1, 15, 1, 0, 0),
         ];
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_handover_is_that_of_the_outage_also_where_another_channel_can_fly_only_later() {
+        use Channel::{A, B};
+        let mut account = RedundancyAccount::new(Arrangement::alike(2));
+        let usable = |channel| candidate(channel, true, true, 1.0);
+        let stale = |channel| candidate(channel, true, false, 1.0);
+        for (tick, candidates) in [
+            vec![usable(A), usable(B)],
+            vec![stale(A), stale(B)],
+            vec![stale(A), usable(B)],
+            vec![stale(A), usable(B)],
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            account.enter(tick as u64, &candidates, A, select(&candidates));
+        }
+        let it = &account.redundancy;
+        let outages = it.outages[..2].iter();
+        let outages: Vec<_> = outages
+            .map(|it| (it.channel, it.ticks, it.is_handover))
+            .collect();
+        assert_eq!((it.handovers, outages), (1, vec![(0, 3, 1), (1, 1, 0)]));
     }
 
     #[test]
