@@ -103,9 +103,9 @@ impl Failure {
     }
 
     fn labelled(&self, label: &str) -> String {
-        let mut text = format!("{label}: {}\n", shortened(&harmless(&self.message)));
+        let mut text = format!("{label}: {}\n", shortened(&harmless(&self.message), 3000));
         if let Some(help) = &self.help {
-            text += &format!(" help: {}\n", harmless(help));
+            text += &format!(" help: {}\n", shortened(&harmless(help), 900));
         }
         text
     }
@@ -137,18 +137,16 @@ impl<T, E: fmt::Display> InFile<T> for Result<T, E> {
     }
 }
 
-/// The beginning and the end of a message that is too long: it may quote a line of a file, of any length.
-fn shortened(message: &str) -> String {
-    const MOST: usize = 3000;
-    const BEGINNING: usize = 1500;
-    const END: usize = 1000;
-    let length = message.chars().count();
-    if length <= MOST {
-        return message.to_owned();
+/// The beginning and the end of a text of more characters than `most`: it may quote a line of a file, of any length.
+fn shortened(text: &str, most: usize) -> String {
+    let (begins, ends) = (most / 2, most / 3);
+    let length = text.chars().count();
+    if length <= most {
+        return text.to_owned();
     }
-    let beginning: String = message.chars().take(BEGINNING).collect();
-    let end: String = message.chars().skip(length - END).collect();
-    let omitted = length - BEGINNING - END;
+    let beginning: String = text.chars().take(begins).collect();
+    let end: String = text.chars().skip(length - ends).collect();
+    let omitted = length - begins - ends;
     format!("{beginning} ({omitted} characters left out) {end}")
 }
 
@@ -456,6 +454,8 @@ mod tests {
         let escaped = Failure::usage("\u{1b}".repeat(1000)).help("help").text();
         assert!(escaped.contains("\\u001b\\u001b") && escaped.ends_with("\n help: help\n"));
         assert!(escaped.chars().count() < 2600 && long.chars().count() < 2600);
+        let help = Failure::usage("what").help("help".repeat(1000)).text();
+        assert!(help.ends_with("help\n") && help.chars().count() < 850, "{help}");
     }
 
     #[test]
