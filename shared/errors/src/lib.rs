@@ -455,7 +455,10 @@ mod tests {
         assert!(escaped.contains("\\u001b\\u001b") && escaped.ends_with("\n help: help\n"));
         assert!(escaped.chars().count() < 2600 && long.chars().count() < 2600);
         let help = Failure::usage("what").help("help".repeat(1000)).text();
-        assert!(help.ends_with("help\n") && help.chars().count() < 850, "{help}");
+        assert!(
+            help.ends_with("help\n") && help.chars().count() < 850,
+            "{help}"
+        );
     }
 
     #[test]
