@@ -118,10 +118,10 @@ def test_an_exception_comes_through_with_its_own_traceback():
     ("answer", "error", "said"),
     [
         (None, TypeError, r"gave nothing; return \(thrust_n, torque_b_nm\[3\]\)"),
-        (5.0, TypeError, r"gave a float; return \(thrust_n, torque_b_nm\[3\]\)"),
-        ((5.0,), TypeError, r"gave a tuple of length 1; return \(thrust_n, torque_b_nm\[3\]\)"),
-        (np.zeros(3), TypeError, r"gave a ndarray of length 3; return \(thrust_n, torque_b_nm\[3\]\)"),
-        ((5.0, [0, 0, 0], [1]), TypeError, r"gave a tuple of length 3; return \(thrust_n, torque_b_nm\[3\]\)"),
+        (5.0, TypeError, r"gave a value of type float; return \(thrust_n, torque_b_nm\[3\]\)"),
+        ((5.0,), TypeError, r"gave a value of type tuple of length 1; return \(thrust_n, torque_b_nm\[3\]\)"),
+        (np.zeros(3), TypeError, r"gave a value of type ndarray of length 3; return \(thrust_n, torque_b_nm\[3\]\)"),
+        ((5.0, [0, 0, 0], [1]), TypeError, r"gave a value of type tuple of length 3; return \(thrust_n, torque_b_nm\[3\]\)"),
         (("5 N", [0, 0, 0]), ValueError, r"gave thrust_n = '5 N'; expected a finite number"),
         ((5.0, [0, 0]), ValueError, r"gave torque_b_nm = \[0, 0\]; expected three finite numbers"),
         ((5.0, np.array([0, np.nan, 0])), ValueError, r"gave torque_b_nm = array\(\[ 0., nan,  0.\]\); expected three"),
@@ -159,7 +159,7 @@ def test_telemetry_has_a_number_for_each_name():
 
 
 def test_an_outer_answer_is_told_too():
-    with pytest.raises(TypeError, match=r"gave a tuple of length 2; return \(thrust_n, attitude_rad\[3\], attitude_rate_rad_s\[3\], "):
+    with pytest.raises(TypeError, match=r"gave a value of type tuple of length 2; return \(thrust_n, attitude_rad\[3\], attitude_rate_rad_s\[3\], "):
         ironbird.simulate("hover", 1, outer=lambda tick, measured, reference: (5.0, [0, 0, 0]))
 
 

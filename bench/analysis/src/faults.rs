@@ -17,7 +17,7 @@ pub struct InjectedFault {
     pub to_s: Option<f64>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub live: bool,
-    /// Ticks after its own in which the supervisor began it, if it was late.
+    /// Ticks by which the supervisor began it late.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub delayed_ticks: Option<u64>,
 }
@@ -37,7 +37,7 @@ impl InjectedFault {
         }
     }
 
-    /// Takes that the supervisor began a fault later, if it is a part of this one.
+    /// Records how late the supervisor began a fault, if that is a part of this one.
     pub fn note(&mut self, delayed: &Self) {
         let is_part = self.what.split(',').any(|what| what == delayed.what);
         if is_part && self.tick == delayed.tick {

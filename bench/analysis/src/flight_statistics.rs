@@ -77,7 +77,7 @@ pub struct FlightStatistics {
     verdicts: CommandVerdicts,
     laws: FlownLaws,
     pub stages: StageStatistics,
-    /// The same before the first message of a tick that the plant has not flown; none while there is no such message.
+    /// Statistics of the stages before the first message of a tick that the plant has not flown; none without such a message.
     before_unflown: Option<Box<StageStatistics>>,
     pub swaps: Vec<AppliedSwap>,
     pub swaps_seen: u64,

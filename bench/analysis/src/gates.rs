@@ -147,7 +147,11 @@ fn unless_lost(lost: u64, gate: Gate) -> Gate {
         0 => gate,
         _ => Gate {
             held: false,
-            value: format!("{}, and {} not seen", gate.value, count(lost, "message")),
+            value: format!(
+                "{}, and the recorder missed {}",
+                gate.value,
+                count(lost, "message")
+            ),
             ..gate
         },
     }
@@ -565,6 +569,6 @@ mod tests {
         check(|it| it.run.wall_period_us = 0.0, lockstep, 5);
         // Fresh commands, wake-up, loop, errors, effort and theorem are measured from messages.
         let lost: Change = |it| it.recorder.lost = [("state".to_owned(), 3)].into();
-        check(lost, ", and 3 messages not seen", 8);
+        check(lost, ", and the recorder missed 3 messages", 8);
     }
 }

@@ -98,7 +98,7 @@ impl Delay {
 #[derive(Clone, Copy, Debug)]
 pub struct Observations<'a> {
     pub grid: Grid,
-    /// What each channel leaves to the plant's lead in a tick [ns].
+    /// Time at the end of a tick that each channel leaves to the plant's lead [ns].
     pub leads_ns: [u64; MOST_CHANNELS],
     pub outage: Outage,
     /// The recorder lost messages of its ticks.

@@ -342,7 +342,7 @@ pub struct TheoremStatistics {
     /// Start of the present one, and what its monitor said last.
     newest: Option<(u64, Monitor)>,
     theta: [f64; 3],
-    /// The same at the wrench that was watched last.
+    /// True values at the wrench that was watched last.
     theta_watched: [f64; 3],
     error_allowed: [f64; 3],
     /// Values that the airframe was built with, if it is not the nominal one: an estimate of a parameter that is 0 is held
@@ -431,11 +431,8 @@ impl TheoremStatistics {
             let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
             let nominal = || ESTIMATED.map(|parameter| parameter.spec().nominal);
             let built = self.built.unwrap_or_else(nominal);
-            let mut section = Theorem::of(&all, self.theta_watched, built, self.broken);
-            for (estimate, allowed) in section.estimates.iter_mut().zip(self.error_allowed) {
-                estimate.error_allowed = allowed;
-            }
-            section
+            let truth = (self.theta_watched, built);
+            Theorem::of(&all, truth, self.error_allowed, self.broken)
         });
         let law_without = self.law_without.filter(|_| section.is_none());
         Theorem {
@@ -482,7 +479,12 @@ fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
 impl Theorem {
     /// The section of what a monitor said last, with the true values of the estimated parameters, those that the
     /// airframe was built with, and the causes since the bounds began.
-    pub fn of(monitor: &Monitor, theta: [f64; 3], built: [f64; 3], causes: u64) -> Self {
+    pub fn of(
+        monitor: &Monitor,
+        (theta, built): ([f64; 3], [f64; 3]),
+        error_allowed: [f64; 3],
+        causes: u64,
+    ) -> Self {
         let broken = UNBOUNDED
             .into_iter()
             .filter(|cause| causes & cause.bit() != 0);
@@ -497,7 +499,7 @@ impl Theorem {
                 error,
                 error_start,
                 error_bound: monitor.estimate_error_bound[i],
-                error_allowed: 0.0,
+                error_allowed: error_allowed[i],
                 identifiability: monitor.identifiability[i],
                 found: error.abs() <= FOUND * size,
             }
@@ -619,7 +621,7 @@ mod tests {
 
     #[test]
     fn an_unexplained_violation_or_lifeless_estimates_fail() {
-        let theorem = |monitor| Theorem::of(&monitor, [0.0; 3], [1.0; 3], 0);
+        let theorem = |monitor| Theorem::of(&monitor, ([0.0; 3], [1.0; 3]), [0.0; 3], 0);
         assert!(theorem(monitor(0, 1)).holds);
         for (monitor, found) in [
             (monitor(1, 1), "1 unexplained"),

@@ -1,7 +1,7 @@
 //! `ironbird completions` and `ironbird man`: generated from the command line's definition.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Component, Path};
 
 use clap::{Command, CommandFactory as _};
 use clap_mangen::Man;
@@ -37,7 +37,8 @@ pub fn docs(args: &DocsArgs) -> Result<u8, Failure> {
 /// The text of a page in the folder of the pages.
 pub fn page_of(pages: &Path, name: &str) -> Result<String, Failure> {
     let path = pages.join(format!("{name}.md"));
-    if path.is_file() {
+    let is_below = |part| matches!(part, Component::Normal(_));
+    if Path::new(name).components().all(is_below) && path.is_file() {
         return read_text("read the page", &path);
     }
     let files = fs::read_dir(pages).in_file("read", pages)?.flatten();

@@ -188,6 +188,8 @@ fn helps_name_pages_as_the_executable_prints_them() {
     let failure = page_of(&docs, "campagns").unwrap_err();
     let said = "no page is named `campagns`; did you mean `campaigns`?";
     assert_eq!((failure.code, failure.to_string().as_str()), (USAGE, said));
+    assert!(page_of(&docs, "../README").is_err());
+    assert!(page_of(&docs, "decisions/README").is_ok());
 }
 
 #[test]

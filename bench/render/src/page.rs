@@ -24,7 +24,15 @@ const SHOWN_AT_ONCE: [&str; 12] = [
 ];
 /// Events in the list of what happened, and their kinds: of more events, the last of these kinds are left out.
 const EVENTS: usize = 14;
-const KINDS: &str = "end outage handover process fault parameter target";
+const KINDS: [&str; 7] = [
+    "end",
+    "outage",
+    "handover",
+    "process",
+    "fault",
+    "parameter",
+    "target",
+];
 /// Outages among them, the longest ones, and handovers, those after the longest outages of a channel.
 const OUTAGES: usize = 3;
 const HANDOVERS: usize = 3;
@@ -126,7 +134,7 @@ fn events(report: &Report) -> Block {
     };
     events.push((end_s, "end", end));
     let left_out = events.len().saturating_sub(EVENTS);
-    let place = |it: &(f64, &str, String)| KINDS.find(it.1);
+    let place = |it: &(f64, &str, String)| KINDS.iter().position(|kind| *kind == it.1);
     events.sort_by_key(place);
     events.truncate(EVENTS);
     events.sort_by(|a, b| a.0.total_cmp(&b.0).then(place(b).cmp(&place(a))));

@@ -318,7 +318,7 @@ pub fn warnings(report: &Report) -> Vec<String> {
             false => format!(" of {all}"),
         };
         sentences.push(format!(
-            "{}{of_all} lost before recording ({}), without known latency",
+            "the recorder missed {}{of_all} ({}): their latency is unknown",
             count(lost, "message"),
             of.join(", ")
         ));

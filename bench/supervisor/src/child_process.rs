@@ -131,8 +131,8 @@ impl ChildWatch {
         });
     }
 
-    /// Sends a signal to a child. A program that the child has started, such as a firmware, is stopped and continued with
-    /// it; its death is the kernel's answer to that of the child. Fails if the child has ended.
+    /// Sends a signal to a child. Fails if the child has ended. All signals but SIGKILL also go to the programs that the child
+    /// has started, such as a firmware; the kernel kills a firmware when its parent dies.
     pub(super) fn signal(&self, pid: u32, signal: Signal) -> io::Result<()> {
         let watched = self.0.iter().find(|watched| watched.pid == pid);
         let descriptor = &watched.ok_or(io::Errno::SRCH)?.descriptor;
@@ -221,7 +221,7 @@ pub fn end(child: &mut Child, limit: Duration) {
     }
 }
 
-/// What a program writes. It is killed if it still runs after `limit`, and with it whatever it has started and left.
+/// Runs a program and returns its output. Kills it if it still runs after `limit`, and whatever it started in any case.
 pub fn output_within(command: &mut Command, limit: Duration) -> std::io::Result<Output> {
     // Files: a pipe would be full, or held open by a process that is left.
     let mut files = [tempfile::tempfile()?, tempfile::tempfile()?];

@@ -66,7 +66,7 @@ impl Answer<'_, '_> {
             return "nothing".into();
         }
         match self.value.get_type().name() {
-            Ok(name) => format!("a {name}"),
+            Ok(name) => format!("a value of type {name}"),
             Err(_) => "something else".into(),
         }
     }

@@ -63,7 +63,7 @@ layout! {
     }
 }
 
-/// Outages that are kept each, the longest and the newest; others are only counted.
+/// Outages that are kept: the longest and the newest. Others are only counted.
 pub const OUTAGES_KEPT: usize = 64;
 
 layout! {
