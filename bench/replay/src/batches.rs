@@ -1,19 +1,18 @@
 //! Passes the messages of a log to the replay thread, chunk by chunk, in the order in which the recorder took them.
 
 use std::mem::{replace, take};
-use std::ptr::from_ref;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 
 use flight_log::entry::{EntryRef, LogEntry};
 use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
+use messages::vectors::prefetch;
 
 /// Chunks on their way: one is decompressed while another one is replayed.
 const ON_THEIR_WAY: usize = 1;
 /// Messages that are replayed while one is on its way from the cache of the processor that decoded it.
 const FETCHED_AHEAD: usize = 1;
-const CACHE_LINE: usize = 64;
 
 /// The messages of a chunk by topic, as one processor hands every byte of them to another.
 #[derive(Debug, Default)]
@@ -76,20 +75,6 @@ impl Chunk {
         self.rotor_speeds.clear();
         self.theorem.clear();
         self.rare.clear();
-    }
-}
-
-/// Asks the processor for the cache lines of a message, and does not wait for them.
-#[cfg_attr(not(target_arch = "x86_64"), allow(unused_variables))]
-fn prefetch<C>(message: &Message<C>) {
-    for offset in (0..size_of::<Message<C>>()).step_by(CACHE_LINE) {
-        let line = from_ref(message).cast::<i8>().wrapping_add(offset);
-        #[cfg(target_arch = "x86_64")]
-        #[allow(unsafe_code, reason = "there is no safe function for it")]
-        // SAFETY: a prefetch changes nothing, and every address is allowed.
-        unsafe {
-            std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(line);
-        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Functions that are compiled for wider vectors too, and run on those that the processor has.
+//! What a processor may have: functions that are compiled for wider vectors too, and prefetches.
 //!
 //! Releases are built for every x86-64. Where many numbers go through the same arithmetic, wider registers pay. They
 //! change no bit: each lane rounds as a scalar does, and nothing is contracted to fused operations.
@@ -132,5 +132,21 @@ impl<const N: usize> Columns<N> {
     pub fn put<T: Numbers>(&mut self, lane: usize, value: &mut T) {
         let mut column = 0..N;
         value.each(&mut |number| self.0[column.next().unwrap_or(N)][lane] = *number);
+    }
+}
+
+const CACHE_LINE: usize = 64;
+
+/// Asks the processor for the cache lines of a value, and does not wait for them.
+#[cfg_attr(not(target_arch = "x86_64"), allow(unused_variables))]
+pub fn prefetch<T>(value: &T) {
+    for offset in (0..size_of::<T>()).step_by(CACHE_LINE) {
+        let line = std::ptr::from_ref(value).cast::<i8>().wrapping_add(offset);
+        #[cfg(target_arch = "x86_64")]
+        #[allow(unsafe_code, reason = "there is no safe function for it")]
+        // SAFETY: a prefetch changes nothing, and every address is allowed.
+        unsafe {
+            std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(line);
+        }
     }
 }
