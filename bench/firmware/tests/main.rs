@@ -395,7 +395,9 @@ fn one_flight_at_a_time_has_a_firmware() {
 
 #[test]
 fn betaflight_arms_and_turns_its_motors() {
-    let mut bridge = match Bridge::new(&betaflight::PORT, &Rig::default(), &Settings::default()) {
+    // As long as can be set: beside other programs it arms late.
+    let settings = Settings::new(vec![("arming_limit_s", Value::Number(60.0))]);
+    let mut bridge = match Bridge::new(&betaflight::PORT, &Rig::default(), &settings) {
         Ok(bridge) => bridge,
         Err(why) => {
             eprintln!("skipped: {why}");
