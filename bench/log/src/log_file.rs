@@ -343,12 +343,13 @@ impl LogFile {
     /// Writes a fact that was not known at the beginning.
     pub fn add_metadata(&mut self, name: &str, metadata: Record) -> Result<(), McapError> {
         let name = name.into();
+        // A record between two topics of a chunk would part it.
+        self.compress(usize::MAX)?;
         self.writer.write_metadata(&Metadata { name, metadata })
     }
 
     /// Ends the file with its last facts and its index, and hands them to the disk without waiting.
     pub fn close(&mut self, last_facts: Record) -> Result<(), McapError> {
-        // A record between two topics of a chunk would part it.
         self.end_chunk()?;
         self.add_metadata(LANDING, last_facts)?;
         self.writer.finish()?;
@@ -395,6 +396,7 @@ mod tests {
     use std::fs::File;
     use std::io;
     use std::os::unix::fs::FileExt as _;
+    use std::path::Path;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
     use std::time::Duration;
@@ -451,26 +453,47 @@ mod tests {
         }
     }
 
+    /// A file of a flight in real time, with a tick of three topics.
+    fn realtime_file(path: &Path) -> LogFile {
+        let output = AsyncWriter::new(File::create(path).unwrap(), 1).unwrap();
+        let facts = Facts {
+            pace: Pace::Realtime(Grid {
+                t0_ns: 0,
+                period_ns: 1_000_000,
+            }),
+            ..facts(LogPlan::WHOLE)
+        };
+        let mut file = LogFile::begin(output, &facts, 0, 0).unwrap();
+        file.take(&LogEntry::State(Message::of_tick(1, State::default())), 1);
+        file.take(&LogEntry::Wrench(Message::of_tick(1, Wrench::default())), 2);
+        let swap = Message::of_tick(1, SwapRecord::default());
+        file.take(&LogEntry::Swap(swap), 3);
+        file
+    }
+
+    #[test]
+    fn a_fact_that_comes_while_a_chunk_is_written_does_not_part_it() {
+        let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
+        let mut file = realtime_file(&path);
+        assert!(!file.keep(CHUNK_NS).unwrap());
+        file.add_metadata("fact", Record::new()).unwrap();
+        file.close(Record::new()).unwrap();
+        file.wait();
+        let mut reader = crate::reader::LogReader::open(&path).unwrap();
+        let mut chunks = Vec::new();
+        while reader.next_entry().unwrap().is_some() {
+            chunks.push(reader.chunks);
+        }
+        assert_eq!(chunks.len(), 3);
+        chunks.dedup();
+        assert_eq!(chunks.len(), 1);
+    }
+
     #[test]
     fn a_chunk_is_written_in_parts_and_at_once_if_the_recorder_was_away() {
         let calls = |every_ns: u64| {
             let path = tempfile::NamedTempFile::new().unwrap().into_temp_path();
-            let output = AsyncWriter::new(File::create(&path).unwrap(), 1).unwrap();
-            let pace = Pace::Realtime(Grid {
-                t0_ns: 0,
-                period_ns: 1_000_000,
-            });
-            let facts = Facts {
-                pace,
-                ..facts(LogPlan::WHOLE)
-            };
-            let mut file = LogFile::begin(output, &facts, 0, 0).unwrap();
-            file.take(&LogEntry::State(Message::of_tick(1, State::default())), 1);
-            file.take(&LogEntry::Wrench(Message::of_tick(1, Wrench::default())), 2);
-            file.take(
-                &LogEntry::Swap(Message::of_tick(1, SwapRecord::default())),
-                3,
-            );
+            let mut file = realtime_file(&path);
             let mut calls = 1..;
             calls.find(|call| file.keep(CHUNK_NS + call * every_ns).unwrap())
         };
