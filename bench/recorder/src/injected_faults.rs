@@ -43,7 +43,8 @@ pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
     for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
         for fault in &mut ended[..place] {
             if !fault.ends && fault.kind.is_like(&end.kind) {
-                fault.span.to = fault.span.to.min(end.span.from);
+                // One that is called off before it begins acts in no tick.
+                fault.span.to = fault.span.to.min(end.span.from.max(fault.span.from));
             }
         }
     }
@@ -55,4 +56,24 @@ pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
         InjectedFault::new(joined(&fault.changes), from, to, period_s).in_flight()
     };
     planned_again(&ended).into_iter().map(described).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_acts_until_it_is_called_off_and_in_no_tick_if_that_is_before_it_begins() {
+        for (called_off_at, to_tick) in [(5, 10), (15, 15), (30, 20)] {
+            let end = format!("state.drop=off@tick{called_off_at}");
+            let live = ["state.drop=0.2@tick10..tick20", &end].map(|text| {
+                let fault: Fault = text.parse().unwrap();
+                let span = fault.span(1e-3).unwrap();
+                fault.changes[0].faults(span).next().unwrap()
+            });
+            let first = injected(&live, 1e-3).remove(0);
+            let acts = (first.tick, first.to_tick);
+            assert_eq!(acts, (10, Some(to_tick)), "called off at {called_off_at}");
+        }
+    }
 }

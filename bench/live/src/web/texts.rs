@@ -142,17 +142,15 @@ const fn tone(is_good: Option<bool>) -> &'static str {
 }
 
 fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVerdict>) -> Value {
-    let Some(ending) = flight.ending else {
-        let active = flight.redundancy.map(|it| it.active_channel());
-        let active = active.filter(|_| flight.run.channels > 1);
-        let why = active.map_or_else(String::new, |it| format!("channel {it} flies"));
-        return json!({"word": "flying", "why": why, "tone": tone(Some(true))});
-    };
     let report = filed.complete();
-    let (word, why, is_good) = match ending {
+    let active = flight.redundancy.map(|it| it.active_channel());
+    let active = active.filter(|_| flight.run.channels > 1);
+    let active = active.map_or_else(String::new, |it| format!("channel {it} flies"));
+    let (word, why, is_good) = match flight.ending {
         _ if track.word == FlightVerdict::Lost => ("lost", track.why.as_str(), Some(false)),
-        EndReason::Completed => ("ended", "its duration is over", None),
-        _ => {
+        None => ("flying", active.as_str(), Some(true)),
+        Some(EndReason::Completed) => ("ended", "its duration is over", None),
+        Some(ending) => {
             let why = report.map_or(ending.name(), |it| it.run.ending.as_str());
             ("ended", why, Some(false))
         }
@@ -439,11 +437,13 @@ mod tests {
         use EndReason::{Completed, Interrupted};
         use FlightVerdict::{CutShort, Lost, Tracked};
         for (ending, track, word, why) in [
-            (Completed, Tracked, "ended", "its duration is over"),
-            (Completed, Lost, "lost", "below ground"),
-            (Interrupted, CutShort, "ended", "interrupted"),
+            (None, Tracked, "flying", ""),
+            (None, Lost, "lost", "below ground"),
+            (Some(Completed), Tracked, "ended", "its duration is over"),
+            (Some(Completed), Lost, "lost", "below ground"),
+            (Some(Interrupted), CutShort, "ended", "interrupted"),
         ] {
-            flight.ending = Some(ending);
+            flight.ending = ending;
             let track = Explained::new(track, "below ground".into());
             let phase = phase(flight, &FiledReport::default(), &track);
             assert_eq!((&phase["word"], &phase["why"]), (&word.into(), &why.into()));
