@@ -63,7 +63,7 @@ proptest! {
 
 proptest! {
     /// Astolfi, Karagiannis and Ortega's estimates of (I_R, k_r, delta), by the implicit midpoint rule: an estimate is
-    /// its integral part plus beta(nu, t), and the increment of beta over a tick is exact (docs/laws.md).
+    /// its integral part plus beta(nu, t), and the increment of beta over a tick is exact.
     #[test]
     fn the_adaptation_is_immersion_and_invariance_by_the_implicit_midpoint_rule(
         preset in select(&PRESET_NAMES),

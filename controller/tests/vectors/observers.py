@@ -2,7 +2,7 @@
 
 Nothing here is shared with the Rust laws, and the ways differ where they can: the command filter is the exponential of
 its matrix; rates come from Taylor arithmetic, and the rotation between attitudes from matrices; the estimates are those
-of immersion and invariance by the implicit midpoint rule (docs/laws.md); the super-twisting inclusion and the predictors
+of immersion and invariance by the implicit midpoint rule; the super-twisting inclusion and the predictors
 are solved for their next value. Run by hand: `python3 controller/tests/vectors/observers.py` writes observers.json.
 """
 
