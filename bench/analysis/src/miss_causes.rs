@@ -140,11 +140,25 @@ impl Attribution {
                 ..Self::unknown(&evidence)
             };
         }
-        let Some(delay) = longest else {
+        // A stage that computes long in most of the outage keeps others from the processor, which are then late for longer.
+        let computed = |stage| {
+            let delays = delays.iter();
+            delays.filter(move |it| it.is_compute && it.stage == stage)
+        };
+        let longest_of = |stage| {
+            Some((
+                computed(stage).max_by_key(|it| it.excess_ns)?,
+                computed(stage).count(),
+            ))
+        };
+        let mut stages = STAGES.into_iter();
+        let busy = stages.find(|it| is_most(computed(*it).map(|delay| delay.excess_ns).sum()));
+        let longest = longest.map(|it| (it, delays.len()));
+        let Some((delay, number)) = busy.and_then(longest_of).or(longest) else {
             return Self::unknown("no stage was later than usual");
         };
         let (class, why) = cause_of(seen, delay);
-        let among = match delays.len() {
+        let among = match number {
             1 => String::new(),
             number => format!(", the longest of {number} delays"),
         };
@@ -191,7 +205,7 @@ fn cause_of(seen: &Observations<'_>, delay: &Delay) -> (MissCause, String) {
     }
     let why = match too_little.is_empty() {
         true => "nothing observed says why".into(),
-        false => format!("{}: less than half of it", too_little.join(", ")),
+        false => format!("{}: less than half of the delay", too_little.join(", ")),
     };
     (MissCause::CannotTell, why)
 }

@@ -272,7 +272,7 @@ impl Observations<'_> {
     }
 
     /// Growth of a counter of the stage around a delay, beyond what is usual in that time: by its usual rate between
-    /// samples outside the delay. Nothing where another process counted.
+    /// samples outside the outage. Nothing where another process counted.
     pub fn grown(&self, delay: &Delay, count: fn(&Counters) -> u64) -> u64 {
         let of = |sample: &CounterSample| sample.stages[delay.stage as usize];
         let count = |sample: &CounterSample| count(&of(sample));
@@ -282,9 +282,10 @@ impl Observations<'_> {
         if of(first).pid != of(last).pid {
             return 0;
         }
-        let outside = |pair: &&[CounterSample]| {
-            pair[1].at_ns <= delay.from_ns || pair[0].from_ns >= delay.to_ns
-        };
+        let begin_ns = self.grid.begin_of(self.outage.first).min(delay.from_ns);
+        let end_ns = self.grid.begin_of(self.outage.last + 1).max(delay.to_ns);
+        let outside =
+            |pair: &&[CounterSample]| pair[1].at_ns <= begin_ns || pair[0].from_ns >= end_ns;
         // Growth in a second, so that little of it is not rounded away.
         let rate = |pair: &[CounterSample]| {
             let growth = u128::from(count(&pair[1]).saturating_sub(count(&pair[0])));

@@ -22,7 +22,7 @@ use messages::role::{Role, STAGES};
 use messages::topic::Topic;
 
 const NOTHING: &str = "nothing observed says why";
-const TOO_LITTLE: &str = "less than half of it";
+const TOO_LITTLE: &str = "less than half of the delay";
 const US: u64 = 1_000;
 const TICK_US: u64 = 1_000;
 const GRID: Grid = Grid {
@@ -392,6 +392,22 @@ fn a_cause_needs_an_observation_that_explains_half_of_the_delay() {
     let alike = STAGES.into_iter();
     let alike = alike.fold(good(), |it, role| it.late(0, role, 240));
     alike.is(CannotTell, Some(Plant), "the longest of 4 delays");
+}
+
+#[test]
+fn a_stage_that_computes_long_in_most_of_an_outage_is_its_cause_whoever_was_late_for_longest() {
+    let ticks = || (0..5).chain(7..10);
+    let busy = ticks().fold(good(), |it, tick| it.computes(tick, Outer, 1200));
+    // Kept from the processor, the plant leaves out two ticks.
+    let late = STAGES
+        .into_iter()
+        .fold(busy, |it, role| it.silent(role, 5..7))
+        .late(7, Plant, 400);
+    let ran = |us: u64| move |it: &mut Counters| it.ran_ns += us * US;
+    let words =
+        "outer computed 1200 us longer than usual, the longest of 8 delays; it ran for 9000 us";
+    late.counted(4, Outer, ran(9000))
+        .is(ComputedLong, Some(Outer), words);
 }
 
 #[test]

@@ -151,7 +151,7 @@ fn pairs(results: &CampaignResults) -> Option<Section> {
         "Both arms of a pair flew the same draws. p is McNemar's: how probable so uneven a split is, were both alike. Its \
          interval is Bonett and Price's, at 95 %. Means are over the flights that neither lost, with bootstrap-t \
          intervals at 95 %; there is none if fewer than {DIFFERING_LEAST} flights differ from the most frequent value. \
-         That of a recovery leaves out flights in which the first or the second did not recover."
+         The mean difference of a recovery time is over the flights in which both recovered."
     );
     let blocks = vec![
         Block::Items(items.collect()),

@@ -114,7 +114,10 @@ fn position_errors(comparison: &Comparison) -> Vec<Section> {
         let table = table(comparison, ["rms", "p99", "worst"], cells);
         Section::new(id, format!("True position error {when}[mm]"), vec![table])
     };
-    parts.into_iter().map(section).collect()
+    let outcomes = &comparison.outcomes;
+    let has_any =
+        |(.., of): &(&str, String, Errors)| outcomes.iter().any(|it| of(&it.figures).is_some());
+    parts.into_iter().filter(has_any).map(section).collect()
 }
 
 fn attitude_errors(comparison: &Comparison) -> Section {
@@ -136,8 +139,8 @@ fn recovery(comparison: &Comparison) -> Option<Section> {
     let faults = flight.faults.iter();
     let columns = faults.map(|fault| format!("fault at {:.3} s", fault.time_s));
     let title = format!(
-        "Recovery: time from each fault until the true errors stay below {} m and {} rad of yaw for at least \
-         {STAYING_S} s and {:.0} % of the time after the fault, and longer than they were below before",
+        "Recovery: time from each fault until the true errors stay below {} m and {} rad of yaw: for at least {STAYING_S} s, \
+         for {:.0} % of the time after the fault, and for longer than in any stretch before",
         flight.bound_m,
         flight.bound_yaw_rad,
         100.0 * STAYING_SHARE

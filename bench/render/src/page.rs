@@ -133,6 +133,8 @@ fn events(report: &Report) -> Block {
         _ => ending(report).to_owned(),
     };
     events.push((end_s, "end", end));
+    let outages = report.autopsy.classes.iter().map(|it| it.outages);
+    let outages = outages.fold(0, u64::saturating_add);
     let left_out = events.len().saturating_sub(EVENTS);
     let place = |it: &(f64, &str, String)| KINDS.iter().position(|kind| *kind == it.1);
     events.sort_by_key(place);
@@ -142,10 +144,14 @@ fn events(report: &Report) -> Block {
         .into_iter()
         .map(|(time_s, kind, what)| [format!("{time_s:.3} s"), kind.into(), what]);
     let rows = rows.collect();
-    let title = match left_out {
-        0 => "What happened".to_owned(),
-        1 => "What happened; one more event is in the sections below".to_owned(),
-        n => format!("What happened; {n} more events are in the sections below"),
+    let mut title = "What happened".to_owned();
+    if outages > OUTAGES as u64 {
+        title += &format!("; of {outages} outages, the worst");
+    }
+    title += &match left_out {
+        0 => String::new(),
+        1 => "; one more event is in the sections below".to_owned(),
+        n => format!("; {n} more events are in the sections below"),
     };
     Block::Events(title, rows)
 }

@@ -7,8 +7,8 @@ use analysis::miss_causes::MissCause;
 use analysis::outages::OutageCase;
 use analysis::process_failures::number;
 use analysis::schema::{
-    AGITATION, AcceptanceResult, ControlPerformance, FirmwareSection, FlightVerdict, Gate,
-    LawSection, LossSection, MarginSection, QuantityError, RedundancySection, Report,
+    AGITATION, AcceptanceResult, ControlPerformance, FirmwareSection, FlightStatus, FlightVerdict,
+    Gate, LawSection, LossSection, MarginSection, QuantityError, RedundancySection, Report,
     RobustnessMargin, RoleSection, RotorEffort, SimulatedLoss, Speed, TimingVerdict, Verdicts, sum,
 };
 use analysis::targets::FollowedTarget;
@@ -237,6 +237,8 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
     let (flight, timing) = (report.words.flight.word, report.words.timing.word);
     let is_lost = matches!(flight, FlightVerdict::Lost | FlightVerdict::OffTrack);
     let is_late = timing == TimingVerdict::Late;
+    // The failure of a role makes a flight late, too.
+    let is_aborted = report.verdict.status == FlightStatus::Aborted;
     let mut laws = report.run.laws.values();
     let has_failed_law = laws.any(|law| law.first_not_finite.is_some());
     let has_lost_process = number(report) > 0;
@@ -245,7 +247,8 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
         of_itself || !it.faults.is_empty()
     };
     let worst = &report.autopsy.worst;
-    let is_disturbed = is_late && (worst.is_empty() || !worst.iter().all(is_explained));
+    let is_unexplained = worst.is_empty() || !worst.iter().all(is_explained);
+    let is_disturbed = is_late && !is_aborted && is_unexplained;
     if (is_lost || is_late) && has_failed_law {
         step("replay latest", "runs the laws again on their inputs");
     }
@@ -257,14 +260,14 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
     if is_lost && !is_lost_by_delays && !has_failed_law {
         if let Some(law) = loss.and_then(|it| it.held_by.as_ref()) {
             step(
-                &format!("fly {law}"),
+                &format!("fly {law} ..."),
                 "with the same flags: a law with which the simulated flight is not lost",
             );
         }
         if !has_lost_process {
             step(
-                "simulate",
-                "with the same flags: the same flight without the machine's delays",
+                "simulate ...",
+                "with the same flags: what was planned, without the machine's delays",
             );
         }
         step(
@@ -275,7 +278,7 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
     if was_refused || is_disturbed {
         step("doctor", "names what disturbs the loops, and remedies");
     }
-    if is_late {
+    if is_late && !is_aborted {
         step("report --section outages", "lists the longest outages");
     }
     if was_refused {

@@ -189,34 +189,35 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let begun = Instant::now();
     let mut rows = Vec::new();
     let tried = campaign.flights.min(TRIED_MAX);
+    let jobs = args.jobs.unwrap_or_else(processors);
     // All over the campaign, so that a grid's cells are tried too.
     let flight = |i: u64| (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
     let mut next = 0;
     while next < tried && begun.elapsed() <= TRIED {
         // A batch at a time, as the campaign flies.
-        let some = (next..tried).take(LANES);
+        let some = (next..tried).take(LANES * jobs);
         let flights = some.flat_map(|i| (0..arms).map(move |arm| (flight(i), arm)));
         let flights: Vec<Flight> = flights.collect();
         let stop = AtomicBool::new(false);
-        rows.extend(fly_all(&plan, &flights, 1, &stop, |_| ())?);
-        next += LANES as u64;
+        rows.extend(fly_all(&plan, &flights, jobs, &stop, |_| ())?);
+        next += (LANES * jobs) as u64;
     }
+    // Beside each other they may hinder each other: it is no flight's own time.
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
-    let jobs = args.jobs.unwrap_or_else(processors);
     let total = campaign.flights * arms as u64;
     let length_s = plan.flight(0, 0)?.0.flight.duration_s;
     let [per_file, per_row] = bytes(&plan, &rows)?;
     let names: Vec<&str> = campaign.arms.iter().map(|arm| arm.name.as_str()).collect();
-    let takes_s = (each_s * total as f64 / jobs as f64).ceil();
+    let takes_s = (each_s * total as f64).ceil();
     let takes = Duration::try_from_secs_f64(takes_s).unwrap_or(Duration::MAX);
     let factors = campaign.factors.iter();
     let constant = factors
         .filter(|factor| !factor.distribution.varies())
         .count();
     print(&format!(
-        "{}: {} of {length_s} s by {} ({}), {} in {}; {} ({constant} constant)\n\
-         time here  {} with {jobs} at once ({:.1} ms a flight, by {} that were tried)\n\
-         on disk    {} ({} bytes a row)\n\
+        "{}: {} of {length_s} s by {} ({}), {} in {}; {} with the seed ({constant} constant)\n\
+         time here  {} with {jobs} at once (a flight every {:.1} ms, by {} that were tried)\n\
+         on disk    {} ({} bytes a row, {} a file)\n\
          campaign   {}\n",
         campaign.name,
         count(campaign.flights, "flight"),
@@ -230,6 +231,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
         rows.len(),
         size((per_row * total as f64 + per_file * campaign.chunks() as f64) as u64),
         per_row.round(),
+        per_file.round(),
         plan.identity.campaign,
     ))?;
     Ok(OK)

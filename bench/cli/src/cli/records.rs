@@ -21,7 +21,7 @@ pub struct ReportArgs {
     /// A flight's directory, or `latest`.
     #[arg(value_name = "RUN_DIR", default_value = "latest")]
     pub run: PathBuf,
-    /// Print every section [default: a summary of 29 lines].
+    /// Print every section [default: a summary of 30 lines].
     #[arg(long, conflicts_with_all = ["section", "format"])]
     pub full: bool,
     /// Print only this section of the full report.
