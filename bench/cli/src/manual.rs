@@ -37,7 +37,10 @@ pub fn docs(args: &DocsArgs) -> Result<u8, Failure> {
 /// The text of a page in the folder of the pages.
 pub fn page_of(pages: &Path, name: &str) -> Result<String, Failure> {
     let name = name.strip_suffix(".md").unwrap_or(name);
-    let path = pages.join(format!("{name}.md"));
+    let path = match name {
+        "README" => pages.with_file_name("README.md"),
+        _ => pages.join(format!("{name}.md")),
+    };
     let is_below = |part| matches!(part, Component::Normal(_));
     if Path::new(name).components().all(is_below) && path.is_file() {
         return read_text("read the page", &path);

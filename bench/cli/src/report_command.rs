@@ -129,7 +129,7 @@ fn diff(args: &DiffArgs) -> Result<u8, Failure> {
     if let Some(twice) = all.find(is_known) {
         let what = format!("{} is named twice", twice.display());
         return Err(Failure::usage(what)
-            .help("a flight cannot be compared with itself: name different flights"));
+            .help("a flight cannot be compared with itself: name different flights (`latest` is a link to the newest one)"));
     }
     let flown = |runs: Vec<PathBuf>| -> Result<Vec<ComparedRun>, Failure> {
         runs.iter().map(|run| ended_flight(run)).collect()

@@ -205,7 +205,8 @@ fn outages(report: &Report) -> Option<String> {
         _ => format!("{} of these: {cause}", first.missed),
     };
     let longest = report.autopsy.worst.first();
-    let longest = longest.map(|case| format!("; the longest: {}", outage_section::line(case)));
+    let longest =
+        longest.map(|case| format!("; the longest: {}", outage_section::short_line(case)));
     // Misses that no outage was seen with are counted under the first class, too.
     let with = match outages {
         0 => "none seen".into(),

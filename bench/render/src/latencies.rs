@@ -96,7 +96,7 @@ pub fn blocks(report: &Report) -> Vec<Block> {
 
 fn waterfalls(report: &Report) -> Vec<Figure> {
     let figure = |(percentile, pick): (&str, fn(&Statistics) -> Option<f64>)| {
-        let title = format!("A tick at {percentile}");
+        let title = format!("Steps of a tick, each at its {percentile}");
         let chart = waterfall(report, &title, pick)?;
         let name = format!("waterfall-{}", percentile.replace('.', ""));
         Some(Figure::new(name, title, Vec::new(), chart))

@@ -111,22 +111,26 @@ pub fn cause(count: &CauseCount) -> String {
     with_stage(count.class.words(), count.stage.as_deref())
 }
 
-pub fn line(case: &OutageCase) -> String {
+/// When it was, how long, and its cause.
+pub fn short_line(case: &OutageCase) -> String {
     let (tick, time_s, missed) = (case.tick, case.time_s, case.missed);
-    let (ticks, evidence) = (count(case.ticks, "tick"), &case.evidence);
+    let ticks = count(case.ticks, "tick");
     let cause = with_stage(case.class.words(), case.stage.as_deref());
     // Where no stage is known to be late, there is no delay.
     let delay = Some(case.delay_us).filter(|us| *us > 0.0);
     let delay = delay
         .map(|us| format!(", a delay of {us:.0} us"))
         .unwrap_or_default();
+    format!("tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause}")
+}
+
+/// Its short line and the evidence.
+pub fn line(case: &OutageCase) -> String {
     let faults = match case.faults.is_empty() {
         true => String::new(),
         false => format!("; fault on: {}", case.faults.join(", ")),
     };
-    format!(
-        "tick {tick} ({time_s:.3} s): {ticks}, {missed} missed{delay}: {cause} ({evidence}{faults})"
-    )
+    format!("{} ({}{faults})", short_line(case), case.evidence)
 }
 
 fn case_text(case: &OutageCase) -> String {

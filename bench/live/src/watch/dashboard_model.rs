@@ -599,9 +599,14 @@ impl WatchedFlight {
             LOCKSTEP => NotFresh::default(),
             _ => NotFresh::new(missed, stale, &ticks),
         };
+        let (seen, unwatched) = (
+            statistics.stages.theorem.section(),
+            recorder.map_or(0, |it| it.wrenches_unwatched),
+        );
         let theorem = Theorem {
-            ticks_unwatched: recorder.map_or(0, |it| it.wrenches_unwatched),
-            ..statistics.stages.theorem.section()
+            ticks: seen.ticks + unwatched,
+            ticks_unwatched: unwatched,
+            ..seen
         };
         let limits = self.settings.tracking_limits();
         let speed = Speed::of(run.period_ns, run.sample_time_ns);
