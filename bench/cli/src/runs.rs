@@ -7,7 +7,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use analysis::phrase::{count, name_of};
 use analysis::report_file::RunFacts;
-use analysis::schema::{NOT_FRESH, NotFresh, Report, TimingVerdict};
+use analysis::schema::{NotFresh, Report, TimingVerdict};
 use render::document::{Cell, Table, known, row};
 use serde::Serialize;
 
@@ -170,7 +170,7 @@ fn table(runs: &[RecordedRun], out: &Path) -> String {
     let table = Table::new(columns, runs.iter().map(RecordedRun::row)).list();
     let note = |is_needed: bool, text: &'static str| if is_needed { text } else { "" };
     format!(
-        "{table}{} in {}{}{}\non time: share of the ticks; the others are {NOT_FRESH}\n",
+        "{table}{} in {}{}{}\non time: share of the ticks with a fresh command on time\n",
         count(runs.len() as u64, "flight"),
         size(runs.iter().map(|run| run.bytes).sum()),
         note(runs.iter().any(|run| run.is_latest), "; * is `latest`"),

@@ -265,7 +265,7 @@ const showMisses = (it) => {
 
 const showChannels = (it) => {
   const { redundancy } = it, isOver = it.phase.word !== "flying";
-  const counts = `${it.failed} processes failed, ${it.restarted} restarted`;
+  const counts = `processes: ${it.failed} failed, ${it.restarted} restarted`;
   const flown = Object.entries(redundancy?.ticks_flown ?? {}).map((it) => it.join(" ")).join(", ");
   byId("channels").replaceChildren(...(redundancy ? [make("b", {}, `Channel ${redundancy.active} flies`), `, ${redundancy.handovers} handovers; ticks flown: ${flown}; ${counts}`] : [counts]));
   const outages = redundancy?.outages.map((o) => [o.channel, o.tick, o.ticks, `${o.reason}${o.handover ? "; handed over" : ""}`]) ?? [];
