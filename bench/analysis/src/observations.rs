@@ -272,7 +272,7 @@ impl Observations<'_> {
     }
 
     /// Growth of a counter of the stage around a delay, beyond what is usual in that time: by its usual rate between
-    /// samples outside the outage. Nothing where another process counted.
+    /// samples outside the outage, or where there are none, outside the delay. Nothing where another process counted.
     pub fn grown(&self, delay: &Delay, count: fn(&Counters) -> u64) -> u64 {
         let of = |sample: &CounterSample| sample.stages[delay.stage as usize];
         let count = |sample: &CounterSample| count(&of(sample));
@@ -282,18 +282,23 @@ impl Observations<'_> {
         if of(first).pid != of(last).pid {
             return 0;
         }
+        let outside = |begin_ns: u64, end_ns: u64| {
+            let pairs = self.samples.windows(2);
+            pairs.filter(move |pair| pair[1].at_ns <= begin_ns || pair[0].from_ns >= end_ns)
+        };
         let begin_ns = self.grid.begin_of(self.outage.first).min(delay.from_ns);
         let end_ns = self.grid.begin_of(self.outage.last + 1).max(delay.to_ns);
-        let outside =
-            |pair: &&[CounterSample]| pair[1].at_ns <= begin_ns || pair[0].from_ns >= end_ns;
         // Growth in a second, so that little of it is not rounded away.
         let rate = |pair: &[CounterSample]| {
             let growth = u128::from(count(&pair[1]).saturating_sub(count(&pair[0])));
             let ns = u128::from((pair[1].at_ns - pair[0].at_ns).max(1));
             u64::try_from(growth * 1_000_000_000 / ns).unwrap_or(u64::MAX)
         };
-        let pairs = self.samples.windows(2).filter(outside);
-        let per_second = lower_quartile(pairs.map(rate).collect());
+        let mut rates: Vec<u64> = outside(begin_ns, end_ns).map(rate).collect();
+        if rates.is_empty() {
+            rates = outside(delay.from_ns, delay.to_ns).map(rate).collect();
+        }
+        let per_second = lower_quartile(rates);
         let time_ns = u128::from(last.at_ns - first.at_ns);
         let usual = u128::from(per_second) * time_ns / 1_000_000_000;
         let grown = count(last).saturating_sub(count(first));

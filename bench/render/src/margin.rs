@@ -450,7 +450,7 @@ fn exceptions(margins: &Margins) -> Option<Section> {
         }
     }
     if all.is_empty() {
-        let none = "No exceptions: of the outages that were tried, each one beyond a limit loses the vehicle";
+        let none = "No exceptions: no outage that was tried beyond a limit is survived";
         return Some(Section::new("exceptions", none, Vec::new()));
     }
     let more = all.len().saturating_sub(SHOWN);

@@ -1,4 +1,4 @@
-//! What a processor may have: functions that are compiled for wider vectors too, and prefetches.
+//! Functions that are compiled for wider vectors too, and prefetches: used where the processor has them.
 //!
 //! Releases are built for every x86-64. Where many numbers go through the same arithmetic, wider registers pay. They
 //! change no bit: each lane rounds as a scalar does, and nothing is contracted to fused operations.

@@ -599,10 +599,8 @@ impl WatchedFlight {
             LOCKSTEP => NotFresh::default(),
             _ => NotFresh::new(missed, stale, &ticks),
         };
-        let (seen, unwatched) = (
-            statistics.stages.theorem.section(),
-            recorder.map_or(0, |it| it.wrenches_unwatched),
-        );
+        let seen = statistics.stages.theorem.section();
+        let unwatched = recorder.map_or(0, |it| it.wrenches_unwatched);
         let theorem = Theorem {
             ticks: seen.ticks + unwatched,
             ticks_unwatched: unwatched,

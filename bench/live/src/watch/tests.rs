@@ -389,6 +389,9 @@ fn wrenches_that_the_recorder_could_not_judge_are_in_the_verdict() {
     let recorder = flight(&mut model).statuses.get_mut(&Role::Record.into());
     recorder.unwrap().wrenches_unwatched = 7;
     shows(&model, "theorem partly watched");
+    let (verdicts, _) = flight(&mut model).verdicts();
+    let why = &verdicts.theorem.why;
+    assert!(why.contains("of 1207 ticks, 7 not watched"), "{why}");
 }
 
 #[test]
