@@ -72,11 +72,11 @@ const vehicleView = (canvas) => {
     const lines = Array.from({ length: 40 }, (_, i) => y - gap + (i % 2 ? -1 : 1) * Math.ceil(i / 2) * height);
     const base = lines.find(isFree) ?? y - gap;
     labels.push({ left, right: left + width, base });
-    pen.fillStyle = color("muted");
-    pen.strokeStyle = color("card");
-    pen.lineWidth = 3 * devicePixelRatio;
-    pen.setLineDash([]);
-    pen.strokeText(shown, left, base);
+    pen.globalAlpha = 0.8;
+    pen.fillStyle = color("card");
+    pen.fillRect(left - gap / 3, base - 0.8 * height, width + 2 * gap / 3, height);
+    pen.globalAlpha = 1;
+    pen.fillStyle = color("ink");
     pen.fillText(shown, left, base);
   };
 

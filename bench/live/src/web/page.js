@@ -13,7 +13,6 @@ const make = (tag, properties = {}, ...children) => {
 };
 const color = (name) => getComputedStyle(document.body).getPropertyValue(`--${name}`).trim();
 const number = (value, digits = 4) => (value === null ? "-" : Number(value.toPrecision(digits)).toString());
-const degrees = (rad) => (rad * 180) / Math.PI;
 // A column whose title begins with a blank is text; the others are numbers.
 const table = (columns, rows) => {
   const style = (i) => (columns[i].startsWith(" ") ? "text" : "");
@@ -85,7 +84,7 @@ const makeCharts = () => {
   const axes = ["x", "y", "z"];
   chart(byId("chart-position"), "Position [m]", [...axes.map((it) => [it, it]), ...axes.map((it, i) => [i ? "" : "reference", it, REFERENCE])],
     over(...axes.map((_, i) => (it) => it.p[i]), ...axes.map((_, i) => (it) => it.r[i])), { y: around });
-  chart(byId("chart-yaw"), "Yaw [deg]", [["is", "yaw"], ["reference", "yaw", REFERENCE]], over((it) => degrees(it.yaw), (it) => degrees(it.ryaw)), { y: around });
+  chart(byId("chart-yaw"), "Yaw [rad]", [["is", "yaw"], ["reference", "yaw", REFERENCE]], over((it) => it.yaw, (it) => it.ryaw), { y: around });
   chart(byId("chart-rotors"), "Rotor commands [rad/s]", [0, 1, 2, 3].map((i) => [`${i + 1}`, `rotor-${i + 1}`]), over(...[0, 1, 2, 3].map((i) => (it) => it.w[i])), { y: around });
   const room = byId("estimates");
   room.replaceChildren();
@@ -198,8 +197,8 @@ const showPose = (pose) => {
   byId("clock").textContent = `${pose.t.toFixed(1)} of ${number(flight.duration_s, 5)} s`;
   byId("progress").value = pose.t / flight.duration_s;
   const [is, should] = byId("pose").tBodies[0].rows;
-  [...pose.p, degrees(pose.yaw)].forEach((it, i) => { is.cells[i + 1].textContent = it.toFixed(i < 3 ? 3 : 1); });
-  [...pose.r, degrees(pose.ryaw)].forEach((it, i) => { should.cells[i + 1].textContent = it.toFixed(i < 3 ? 3 : 1); });
+  [...pose.p, pose.yaw].forEach((it, i) => { is.cells[i + 1].textContent = it.toFixed(3); });
+  [...pose.r, pose.ryaw].forEach((it, i) => { should.cells[i + 1].textContent = it.toFixed(3); });
 };
 
 const tile = (name, { word, why, tone }) => {
@@ -273,7 +272,7 @@ const showChannels = (it) => {
   const rows = [...switches, ...outages];
   byId("channel-outages").replaceChildren(rows.length ? table(["channel", "tick", "ticks out", " why"], rows) : "");
   byId("processes").replaceChildren(table(["process", "number", " phase", "ticks", "skipped", "stale"], it.processes.map((p) => [
-    p.name, p.pid, p.missing ? make("span", { className: isOver ? "" : "bad-text" }, isOver ? "ended" : "missing") : p.phase, p.ticks, p.skipped, p.stale])));
+    p.name, p.pid, isOver ? "ended" : p.missing ? make("span", { className: "bad-text" }, "missing") : p.phase, p.ticks, p.skipped, p.stale])));
 };
 
 // Changes by the user

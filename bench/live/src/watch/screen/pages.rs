@@ -86,7 +86,6 @@ fn flight_numbers<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
     let measured = &state.measured;
     let (p, r) = (state.truth.position_w_m, setpoint.reference.position_w_m);
     let off = [0, 1, 2].map(|i| p[i] - r[i]);
-    let degrees = |rad: [f64; 3]| rad.map(f64::to_degrees);
     let thrust_n = flight.rotor_speeds.unwrap_or_default().thrust_n;
     let total = flight.statistics.flight();
     let (now_m, rms_m) = (total.position_error_final_m, total.position_error_rms_m);
@@ -102,9 +101,9 @@ fn flight_numbers<'a>(flight: &WatchedFlight, width: u16) -> Vec<Line<'a>> {
         row(("reference [m]", &r, 3)),
         row(("error [m]", &off, 3)),
         heading(["roll", "pitch", "yaw"]),
-        row(("attitude [deg]", &degrees(measured.attitude_rad), 2)),
-        row(("setpoint [deg]", &degrees(setpoint.attitude_rad), 2)),
-        row(("rate [deg/s]", &degrees(measured.rate_b_rad_s), 2)),
+        row(("attitude [rad]", &measured.attitude_rad, 4)),
+        row(("setpoint [rad]", &setpoint.attitude_rad, 4)),
+        row(("rate [rad/s]", &measured.rate_b_rad_s, 4)),
         row(("rotors [rad/s]", &measured.rotor_speed_command_rad_s, 0)),
         modes(flight, thrust_n),
         fitting(error, width),
