@@ -24,6 +24,17 @@ pub struct OutageSection {
     pub worst: Vec<OutageCase>,
 }
 
+impl OutageSection {
+    /// Outages of all classes, and the deadlines missed in them. A file may hold any numbers.
+    pub fn totals(&self) -> (u64, u64) {
+        let sum = |of: fn(&CauseCount) -> u64| {
+            let counts = self.classes.iter().map(of);
+            counts.fold(0, u64::saturating_add)
+        };
+        (sum(|it| it.outages), sum(|it| it.missed))
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CauseCount {
     pub class: MissCause,

@@ -3,7 +3,6 @@
 use crate::document::{Table, known, row, us};
 use crate::latencies::notes;
 use crate::{flight, outages as outage_section, sentences as shared};
-use analysis::outages::CauseCount;
 use analysis::phrase::{INDENT, WIDTH, count, wrap};
 use analysis::process_failures;
 use analysis::schema::{FlightVerdict, Report, Speed};
@@ -194,11 +193,8 @@ fn shorten(path: &str) -> String {
 
 /// How many outages there were, what most misses were due to, and the longest one.
 fn outages(report: &Report) -> Option<String> {
-    let classes = &report.autopsy.classes;
-    let first = classes.first()?;
-    // A file may hold any numbers.
-    let sum = |of: fn(&CauseCount) -> u64| classes.iter().map(of).fold(0, u64::saturating_add);
-    let (outages, missed) = (sum(|it| it.outages), sum(|it| it.missed));
+    let first = report.autopsy.classes.first()?;
+    let (outages, missed) = report.autopsy.totals();
     let cause = outage_section::cause(first);
     let due = match missed {
         0 => format!("{} of them: {cause}", first.outages),

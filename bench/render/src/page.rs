@@ -133,8 +133,7 @@ fn events(report: &Report) -> Block {
         _ => ending(report).to_owned(),
     };
     events.push((end_s, "end", end));
-    let outages = report.autopsy.classes.iter().map(|it| it.outages);
-    let outages = outages.fold(0, u64::saturating_add);
+    let (outages, _) = report.autopsy.totals();
     let left_out = events.len().saturating_sub(EVENTS);
     let place = |it: &(f64, &str, String)| KINDS.iter().position(|kind| *kind == it.1);
     events.sort_by_key(place);

@@ -21,7 +21,7 @@ use analysis::comparison::{
 use analysis::diff::{ComparedRun, compare};
 use analysis::faults::{AppliedSwap, InjectedFault, ProcessFailure};
 use analysis::margin::Margins;
-use analysis::schema::{AngleErrors, FlightVerdict, RedundancySection, Report};
+use analysis::schema::{AngleErrors, FlightStatus, FlightVerdict, RedundancySection, Report};
 use analysis::traces::{Group, Trace};
 use hashed::hashed;
 use render::brief::Left;
@@ -164,6 +164,10 @@ fn the_recorded_causes_decide_what_to_do_next() {
     report.deaths.clear();
     report.run.laws.get_mut("inner").unwrap().first_not_finite = Some(7);
     assert_eq!(next(&report), ["ironbird replay latest", outages]);
+    // The failure of a role explains that an aborted flight is late: nothing points at the machine.
+    report.verdict.status = FlightStatus::Aborted;
+    report.autopsy.worst.clear();
+    assert_eq!(next(&report), ["ironbird replay latest"]);
 }
 
 #[test]
