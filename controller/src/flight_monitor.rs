@@ -69,6 +69,12 @@ impl FlightMonitor {
         self.monitor.as_ref().map(TheoremMonitor::rate_error_rad_s)
     }
 
+    /// Its root mean square over the last second or so [rad/s]; none without a theorem.
+    pub fn rate_error_rms_rad_s(&self) -> Option<f64> {
+        let monitor = self.monitor.as_ref();
+        monitor.map(TheoremMonitor::rate_error_rms_rad_s)
+    }
+
     /// The monitor message for a wrench and the state and setpoint it was computed from; none if the law's state was not
     /// watched.
     ///

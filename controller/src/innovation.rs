@@ -60,14 +60,12 @@ impl Innovation {
         self.means[1].sqrt()
     }
 
-    /// Correlation of the innovation with that of the step before: about 0 or less for noise, 1 for a cause that lasts.
-    pub fn correlation(&self) -> f64 {
+    /// Correlation of the innovation with that of the step before: about 0 or less for noise, 1 for a cause that lasts;
+    /// none before there are two steps with one.
+    pub fn correlation(&self) -> Option<f64> {
         let [_, _, size, before, product] = self.means;
-        if size * before > 0.0 {
-            (product / (size * before).sqrt()).clamp(-1.0, 1.0)
-        } else {
-            0.0
-        }
+        let correlation = || (product / (size * before).sqrt()).clamp(-1.0, 1.0);
+        (size * before > 0.0).then(correlation)
     }
 }
 
@@ -93,7 +91,7 @@ mod tests {
             let zero = Vector3::zeros();
             innovation.take(&adaptation, &regression, &zero, &zero, 0.9);
         }
-        innovation.correlation()
+        innovation.correlation().unwrap()
     }
 
     #[test]

@@ -74,6 +74,8 @@ pub struct TheoremMonitor {
     /// V_th when the error began that the excitation works on [rad^2/s^2].
     v_th_begun: f64,
     rate_error_squared: f64,
+    /// Share of that mean that samples have; the rest is the zero that it began with.
+    rate_error_share: f64,
     /// Ticks between two looks at what changes slowly.
     look_ticks: u64,
     shown: Monitor,
@@ -109,6 +111,7 @@ impl TheoremMonitor {
             before: Before::default(),
             v_th_begun: 0.0,
             rate_error_squared: 0.0,
+            rate_error_share: 0.0,
             look_ticks: (LOOK_S / period_s).round().max(1.0) as u64,
             shown: Monitor {
                 is_live: 1,
@@ -210,6 +213,12 @@ impl TheoremMonitor {
         self.before.e.norm()
     }
 
+    /// Root mean square of the rate error over the last second or so [rad/s]; 0 before there is one.
+    pub fn rate_error_rms_rad_s(&self) -> f64 {
+        let share = self.rate_error_share.max(f64::MIN_POSITIVE);
+        (self.rate_error_squared / share).sqrt()
+    }
+
     fn compare(
         &mut self,
         tick: u64,
@@ -271,6 +280,7 @@ impl TheoremMonitor {
     fn rate_error(&mut self, e: &Vector3<f64>, now: &mut Monitor) {
         let squared = e.norm_squared();
         self.rate_error_squared = squared + self.rate_kept * (self.rate_error_squared - squared);
+        self.rate_error_share = 1.0 + self.rate_kept * (self.rate_error_share - 1.0);
         now.rate_error_max_rad_s = now.rate_error_max_rad_s.max(squared.sqrt());
     }
 

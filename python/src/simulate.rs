@@ -48,7 +48,9 @@ pub(crate) fn simulate<'py>(
     tables.reserve(settings.last_tick() + 1)?;
     let flown = py.detach(|| {
         fly(&mut flight, &settings, |rig| {
-            tables.take(rig);
+            if rig.has_state() {
+                tables.take(rig);
+            }
             if rig.flown_tick().is_multiple_of(LOOK_TICKS) {
                 Python::attach(|py| py.check_signals())
                     .unwrap_or_else(|signal| raised.keep(signal));

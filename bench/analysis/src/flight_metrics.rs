@@ -8,6 +8,7 @@ use crate::recovery::{Recoveries, RecoveryBounds};
 use crate::schema::ControlPerformance;
 use crate::tracer::{Merge as _, Range, Stretches};
 use crate::tracking::{POSITION, StateErrors, Tracking, TrackingStatistics, YAW};
+use crate::verdicts::TrackingLimits;
 use messages::content::{ROTORS, RotorSpeeds, State};
 use messages::math;
 use messages::parameters::Airframe;
@@ -36,24 +37,21 @@ impl FlightMetrics {
         }
     }
 
-    /// Adds a tick: its state, its true errors, and the command computed from it. Returns the power of the tick relative to
-    /// hover.
-    pub fn take(
-        &mut self,
-        tick: u64,
-        state: &State,
-        errors: &StateErrors,
-        rotors: &RotorSpeeds,
-    ) -> f64 {
+    /// Adds the state of a tick and its true errors. Returns the power of the tick relative to hover.
+    pub fn state(&mut self, tick: u64, state: &State, errors: &StateErrors) -> f64 {
         self.tracking.take(tick, state, errors);
         // The sensors' attitude is the true one.
         let [_, x, y, _] = state.measured.attitude_quaternion;
         self.upright_min = self.upright_min.min(1.0 - 2.0 * (x * x + y * y));
-        self.commands.take(rotors);
         let speeds = state.measured.rotor_speed_mean_rad_s;
         let power = speeds.iter().map(|w| w * w * w).sum::<f64>() / self.hover;
         self.power_sum += power;
         power
+    }
+
+    /// Adds a rotor command.
+    pub fn command(&mut self, rotors: &RotorSpeeds) {
+        self.commands.take(rotors);
     }
 
     pub fn tilt_max_rad(&self) -> f64 {
@@ -74,36 +72,37 @@ impl FlightMetrics {
     }
 }
 
-/// A flight of a comparison: its metrics, and its true errors of position and yaw at every tick.
+/// A flight of a comparison: its metrics, and its true errors of position and yaw in every tick with a state.
 #[derive(Debug)]
 pub struct ComparedFlight {
     tracking: Tracking,
     metrics: FlightMetrics,
+    ticks: Vec<u64>,
     error_m: Vec<f64>,
     yaw_error_rad: Vec<f64>,
     trace: Stretches<Range>,
-    /// Height below which a flight is lost [m].
-    ground_z_m: f64,
-    /// Tick in which it was below ground.
+    limits: TrackingLimits,
+    /// Tick in which it was below ground, or left its envelope.
     pub lost: Option<u64>,
 }
 
 impl ComparedFlight {
-    pub fn new(tracking: Tracking, airframe: &Airframe, ground_z_m: f64) -> Self {
+    pub fn new(tracking: Tracking, airframe: &Airframe, limits: TrackingLimits) -> Self {
         Self {
-            ground_z_m,
+            limits,
             lost: None,
             tracking,
             metrics: FlightMetrics::new(tracking.period_s(), airframe),
+            ticks: Vec::new(),
             error_m: Vec::new(),
             yaw_error_rad: Vec::new(),
             trace: Stretches::default(),
         }
     }
 
-    /// Adds the next tick, up to the loss of the flight: its state, and the command computed from it.
-    pub fn take(&mut self, tick: u64, state: &State, rotors: &RotorSpeeds) {
-        if state.truth.position_w_m[2] < self.ground_z_m {
+    /// Adds the state of the next tick, up to the loss of the flight.
+    pub fn state(&mut self, tick: u64, state: &State) {
+        if state.truth.position_w_m[2] < self.limits.ground_z_m {
             self.lost.get_or_insert(tick);
         }
         // A flight that is lost at once has the errors of that tick.
@@ -111,8 +110,12 @@ impl ComparedFlight {
             return;
         }
         let errors = self.tracking.errors(tick, state, None);
-        let power = self.metrics.take(tick, state, &errors, rotors);
+        let power = self.metrics.state(tick, state, &errors);
         let error_m = errors[POSITION];
+        if error_m > self.limits.position_error_max_m {
+            self.lost.get_or_insert(tick);
+        }
+        self.ticks.push(tick);
         self.error_m.push(error_m);
         self.yaw_error_rad.push(errors[YAW]);
         for (range, value) in self.trace.at(tick, 2).iter_mut().zip([error_m, power]) {
@@ -120,13 +123,17 @@ impl ComparedFlight {
         }
     }
 
+    /// Adds a rotor command, up to the loss of the flight.
+    pub fn command(&mut self, rotors: &RotorSpeeds) {
+        if self.lost.is_none() {
+            self.metrics.command(rotors);
+        }
+    }
+
     /// The figures of the flight, with the recoveries from its planned faults.
     pub fn figures(&self, flight: &Flight) -> Figures {
-        let ticks = self.error_m.len();
-        let part = |from: u64, to: u64| {
-            let errors_m = self.error_m.get(from as usize..(to as usize).min(ticks));
-            errors_m.and_then(error_figures)
-        };
+        let place = |tick: u64| self.ticks.partition_point(|it| *it < tick);
+        let part = |from: u64, to: u64| error_figures(&self.error_m[place(from)..place(to)]);
         let first = flight.faults.first().map(|fault| fault.tick);
         let settled = flight.settled_tick();
         let ControlPerformance {
@@ -155,9 +162,9 @@ impl ComparedFlight {
             position_m: flight.bound_m,
             yaw_rad: flight.bound_yaw_rad,
         };
-        let errors = (0..).zip(self.error_m.iter().zip(&self.yaw_error_rad));
-        for (tick, (error_m, yaw_rad)) in errors {
-            recoveries.take(tick, bounds.hold(*error_m, *yaw_rad));
+        let errors = self.error_m.iter().zip(&self.yaw_error_rad);
+        for (tick, (error_m, yaw_rad)) in self.ticks.iter().zip(errors) {
+            recoveries.take(*tick, bounds.hold(*error_m, *yaw_rad));
         }
         let ticks = recoveries.ticks().into_iter();
         ticks.map(|ticks| Some(flight.time_s(ticks?))).collect()
@@ -212,8 +219,18 @@ mod tests {
     /// A flight as of [`flown`] whose heading is off by an angle [rad] at every tick.
     fn turned(errors_m: &[f64], yaw_rad: f64) -> ComparedFlight {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
-        let mut compared = ComparedFlight::new(tracking, &airframe, -10.0);
+        let limits = TrackingLimits {
+            error_max_m: 0.1,
+            yaw_error_max_rad: 0.1,
+            ground_z_m: -10.0,
+            position_error_max_m: 10.0,
+        };
+        let mut compared = ComparedFlight::new(tracking, &airframe, limits);
         for (tick, error_m) in (0..).zip(errors_m) {
+            // The plant made no state in this tick.
+            if error_m.is_nan() {
+                continue;
+            }
             let mut state = State::default();
             let [x, y, z] = tracking.reference(tick, &state).position_w_m;
             state.measured.position_w_m = [x, y, z];
@@ -226,7 +243,8 @@ mod tests {
                 saturated: u64::from(tick % 4 == 0),
                 ..RotorSpeeds::default()
             };
-            compared.take(tick, &state, &rotors);
+            compared.state(tick, &state);
+            compared.command(&rotors);
         }
         compared
     }
@@ -257,6 +275,15 @@ mod tests {
         let from_fault = both.error_from_fault.unwrap();
         assert_close(from_fault.worst_m, 2.0);
         assert!(from_fault.rms_m < after.rms_m);
+        // Ticks without a state shift nothing.
+        let with_gap = [vec![f64::NAN; 10], errors_m[10..].to_vec()].concat();
+        let of_gap = flown(&with_gap).figures(&flight(200, &[50, 120]));
+        assert_close(of_gap.error_before.unwrap().worst_m, 0.49);
+        assert_eq!(of_gap.recovery_s, both.recovery_s);
+        // Nor does what comes after the tick in which the flight left its envelope.
+        let lost = flown(&[0.1, 10.1, 30.0]);
+        assert_eq!(lost.lost, Some(1));
+        assert_close(lost.figures(&flight(2, &[])).error.worst_m, 10.1);
         // There is nothing before tick 0, and 5 s after tick 180 the flight was over.
         assert_eq!(figures(&[0]).error_before, None);
         assert_eq!(figures(&[180]).error_after, None);

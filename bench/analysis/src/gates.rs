@@ -2,14 +2,15 @@
 //!
 //! Every flight has two gates; the others are requested. A gate that measured nothing does not hold.
 
-use crate::phrase::count;
+use crate::phrase::{beside, count};
 use crate::schema::{
     AGITATION, AcceptanceResult, ControlPerformance, Explained, FlightStatus, Gate, NOT_FRESH,
-    QuantityError, Report, RotorEffort, Speed, StabilityVerdict, TimingVerdict, Verdicts,
+    QuantityError, RedundancySection, Report, RotorEffort, Speed, StabilityVerdict, TimingVerdict,
+    Verdicts,
 };
 use crate::series::Series;
 use crate::theorem::Theorem;
-use crate::verdicts::{TrackingLimits, stability_verdict};
+use crate::verdicts::{TrackingLimits, beyond, stability_verdict};
 use flight_log::writer::Fate;
 use messages::blackboards::EndReason;
 use messages::role::{Role, STAGES};
@@ -56,10 +57,28 @@ pub enum TheoremGate {
 
 const ENVELOPE: &str = "flight envelope";
 
-/// Number that a gate judges: its name with the unit, and the number with its words, or why nothing was measured.
+/// What a gate judges: its name with the unit, and its number, or why nothing was measured.
 pub struct Measured {
     pub name: String,
-    pub value: Result<(f64, String), String>,
+    pub value: Result<Number, String>,
+}
+
+pub struct Number {
+    pub value: f64,
+    /// Digits after the point, at least.
+    pub digits: usize,
+    /// What follows it.
+    pub note: String,
+}
+
+impl Number {
+    pub const fn new(value: f64, digits: usize) -> Self {
+        Self {
+            value,
+            digits,
+            note: String::new(),
+        }
+    }
 }
 
 /// Judges a flight by its numbers: the gates, the status and the three verdicts. It still flies without an ending.
@@ -89,8 +108,8 @@ fn gates(report: &Report, ending: Option<EndReason>, requested: &RequestedGates)
     // Late commands, commands from older inputs and skipped ticks in one number.
     let not_fresh = report.deadlines.not_fresh.unwrap_or_default();
     let mut fresh = per_million(report, NOT_FRESH, not_fresh.ticks);
-    if let (Ok((_, words)), 1..) = (&mut fresh.value, not_fresh.ticks) {
-        *words += &format!(" ({})", not_fresh.parts());
+    if let (Ok(number), 1..) = (&mut fresh.value, not_fresh.ticks) {
+        number.note = format!(" ({})", not_fresh.parts());
     }
     let skipped = per_million(report, "ticks skipped", report.ticks.skipped);
     let wake = p999(report, Series::Wake(Role::Plant));
@@ -116,19 +135,19 @@ fn gates(report: &Report, ending: Option<EndReason>, requested: &RequestedGates)
     let theorem = requested.theorem;
     let theorem = theorem.map(|gate| Gate::theorem(&report.theorem, gate));
     gates.extend(theorem.map(|gate| unless_lost(lost, gate)));
-    gates.extend(requested.channels.then(|| channels(report)));
+    let redundancy = report.redundancy.as_ref();
+    gates.extend(requested.channels.then(|| channels(redundancy)));
     gates
 }
 
-fn channels(report: &Report) -> Gate {
-    let section = report.redundancy.as_ref();
+fn channels(section: Option<&RedundancySection>) -> Gate {
     let section = section.filter(|section| section.ticks_compared > 0);
     let value = section.map(|section| {
-        let words = format!(
-            "{} of {} ticks compared",
-            section.mismatches, section.ticks_compared
-        );
-        (section.mismatches as f64, words)
+        let note = format!(" of {} ticks compared", section.ticks_compared);
+        Number {
+            note,
+            ..Number::new(section.mismatches as f64, 0)
+        }
     });
     let measured = Measured {
         name: "ticks in which channels disagreed".into(),
@@ -161,11 +180,18 @@ fn envelope(report: &Report, ending: Option<EndReason>, requested: &RequestedGat
     let lowest_z_m = report.flight.lowest_z_m;
     let has_left = ending.is_some_and(EndReason::left_envelope);
     let has_hit = lowest_z_m < requested.ground_z_m;
-    let value = match has_hit && !has_left {
-        true => format!("below ground: down to z = {lowest_z_m:.2} m"),
-        false => envelope_words(ending).into(),
+    let error_max_m = requested.position_error_max_m;
+    let is_beyond = report.flight.position_error_max_m > error_max_m;
+    let value = if has_left {
+        envelope_words(ending).into()
+    } else if has_hit {
+        format!("below ground: down to z = {lowest_z_m:.2} m")
+    } else if is_beyond {
+        beyond(&report.flight, error_max_m)
+    } else {
+        envelope_words(ending).into()
     };
-    Gate::envelope(requested, value, !has_left && !has_hit)
+    Gate::envelope(requested, value, !has_left && !has_hit && !is_beyond)
 }
 
 /// What is known of the envelope, by how the flight ended; none while it flies.
@@ -193,7 +219,7 @@ fn ticks(report: &Report) -> Gate {
 fn on_the_clock(
     report: &Report,
     name: String,
-    measure: impl FnOnce() -> Result<(f64, String), String>,
+    measure: impl FnOnce() -> Result<Number, String>,
 ) -> Measured {
     let value = match report.run.speed() {
         speed @ Speed::Lockstep => Err(speed.why_not_real_time().unwrap_or_default()),
@@ -206,13 +232,9 @@ fn per_million(report: &Report, what: &str, count: u64) -> Measured {
     on_the_clock(report, format!("{what} per million"), || {
         match report.ticks.run + report.ticks.skipped {
             0 => Err("no tick was flown".into()),
-            all => Ok(number_words(count as f64 * 1e6 / all as f64, 1)),
+            all => Ok(Number::new(count as f64 * 1e6 / all as f64, 1)),
         }
     })
-}
-
-fn number_words(number: f64, digits: usize) -> (f64, String) {
-    (number, format!("{number:.digits$}"))
 }
 
 /// Of the stage that has most of them: the plant has no input that could be stale.
@@ -226,7 +248,10 @@ fn stale(report: &Report) -> Measured {
         let rates = STAGES[1..].iter().filter_map(rate);
         let worst = rates.max_by(|a, b| a.0.total_cmp(&b.0));
         let (rate, role) = worst.ok_or("no stage worked a tick")?;
-        Ok((rate, format!("{rate:.1} ({role})")))
+        Ok(Number {
+            note: format!(" ({role})"),
+            ..Number::new(rate, 1)
+        })
     })
 }
 
@@ -235,7 +260,7 @@ fn p999(report: &Report, series: Series) -> Measured {
     on_the_clock(report, format!("{name} p99.9 [us]"), || {
         let statistics = report.series(&name).ok_or("it has no values")?;
         let few = || format!("too few values for p99.9: {}", statistics.count);
-        Ok(number_words(statistics.p999_us.ok_or_else(few)?, 1))
+        Ok(Number::new(statistics.p999_us.ok_or_else(few)?, 1))
     })
 }
 
@@ -243,10 +268,10 @@ impl RequestedGates {
     /// The gates that need no clock: on tracking errors and effort. Each has its limit, if it was requested.
     fn of_flight(&self, flight: &ControlPerformance) -> [(Option<f64>, Measured); 4] {
         let [position, yaw, _] = flight.errors();
-        let error = |error: Option<QuantityError>| error.map(|it| number_words(it.recent_max, 4));
+        let error = |error: Option<QuantityError>| error.map(|it| Number::new(it.recent_max, 4));
         let effort = |of: fn(&RotorEffort) -> f64| {
             let effort = flight.effort.as_ref().map(of);
-            effort.map(|value| number_words(value, 2))
+            effort.map(|value| Number::new(value, 2))
         };
         let saturated = effort(|it| it.saturated_percent);
         let agitation = effort(|it| it.agitation_rad_s);
@@ -285,7 +310,10 @@ fn steal(report: &Report) -> Measured {
         name: "steal [%]".into(),
         value: match report.steal.of_ms {
             0 => Err("the kernel counted no time".into()),
-            _ => Ok((percent, format!("{percent:.2} of {processors}"))),
+            _ => Ok(Number {
+                note: format!(" of {processors}"),
+                ..Number::new(percent, 2)
+            }),
         },
     }
 }
@@ -303,7 +331,9 @@ impl Gate {
         let flown = requested.of_flight(flight).into_iter();
         let flown = flown.filter_map(|(limit, measured)| Some(Self::at_most(limit?, measured)));
         let theorem = requested.theorem.map(|gate| Self::theorem(theorem, gate));
-        [envelope].into_iter().chain(flown).chain(theorem).collect()
+        let channels = requested.channels.then(|| channels(None));
+        let requested = flown.chain(theorem).chain(channels);
+        [envelope].into_iter().chain(requested).collect()
     }
 
     fn envelope(requested: &RequestedGates, value: String, held: bool) -> Self {
@@ -321,12 +351,13 @@ impl Gate {
     }
 
     pub fn at_most(limit: f64, Measured { name, value }: Measured) -> Self {
-        let number = value.as_ref().ok().map(|(number, _)| *number);
+        let held = value.as_ref().is_ok_and(|number| number.value <= limit);
+        let words = |it: Number| beside(it.value, limit, it.digits) + &it.note;
         Self {
             name,
             limit: format!("<= {limit}"),
-            value: value.map_or_else(nothing, |(_, words)| words),
-            held: number.is_some_and(|number| number <= limit),
+            value: value.map_or_else(nothing, words),
+            held,
             asked: true,
         }
     }
@@ -418,9 +449,8 @@ pub fn break_off(report: &mut Report, status: FlightStatus, mut ending: String, 
         FlightStatus::Interrupted => "interrupted",
         _ => "aborted",
     };
-    report
-        .words
-        .cut_short(how, reason, &report.run, &report.ticks);
+    let flown_s = report.ticks.flown_s(&report.run);
+    report.words.cut_short(how, reason, &report.ticks, flown_s);
     (report.verdict.status, report.verdict.exit_code) = (status, status.exit_code());
     (report.run.ending, report.run.in_flight) = (ending, false);
 }
@@ -509,6 +539,9 @@ mod tests {
         check(|_| (), "");
         let low = "flight envelope: below ground: down to z = -0.26 m";
         check(|it| it.flight.lowest_z_m = -0.26, low);
+        let far =
+            "flight envelope: left its envelope: position error up to 10.001 m, allowed are 10 m";
+        check(|it| it.flight.position_error_max_m = 10.001, far);
         let fresh = |rest: &str| format!("{NOT_FRESH} per million: {rest}");
         let missed = fresh("100.0 (2 late + 0 stale + 0 skipped)");
         check(|it| not_fresh(it, 2, 0, 0), &missed);
@@ -530,6 +563,8 @@ mod tests {
         check(|it| it.series[1].p999_us = Some(51.1), wake);
         let error = "position error in the last 5 s [m]: 0.0200";
         check(|it| it.flight.recent_error_max_m = 0.02, error);
+        let rounded = "position error in the last 5 s [m]: 0.010004";
+        check(|it| it.flight.recent_error_max_m = 0.010_004, rounded);
         let yaw: Change = |it| it.flight.yaw_error.as_mut().unwrap().recent_max_rad = 0.569;
         check(yaw, "yaw error in the last 5 s [rad]: 0.5690");
         let saturated: Change = |it| it.flight.effort.as_mut().unwrap().saturated_percent = 44.03;
@@ -541,7 +576,7 @@ mod tests {
         );
         let unwatched = "theorem: 0 unexplained, estimates live, 1 tick not watched";
         check(|it| it.theorem.ticks_unwatched = 1, unwatched);
-        let hardly = "theorem: 0 unexplained, estimates live, V_th judged in 49 of 10001 ticks; it rose in none; no torque was compared with (19)";
+        let hardly = "theorem: 0 unexplained, estimates live, V_th judged in 49 of 10001 ticks; it rose in none; the torque of (19) acted in 19998 of 19998 ticks";
         let change: Change = |it| (it.theorem.ticks, it.theorem.ticks_judged) = (10_001, 49);
         check(change, hardly);
         let lifeless = "theorem: 0 unexplained, estimates do not move as predicted";

@@ -44,7 +44,7 @@ pub(crate) fn good() -> Report {
         },
         "theorem": {
             "holds": true, "is_live": true, "ticks": 20_000, "ticks_checked": 20_000, "ticks_judged": 20_000,
-            "steps_adapted": 19_999,
+            "steps_adapted": 19_999, "torque": { "wrenches": 20_000, "rotors": 19_998 },
         },
         "swaps": [], "swaps_left_out": 0,
         "lead": {}, "doctor": Diagnosis::default(), "container": ContainerSection::default(),

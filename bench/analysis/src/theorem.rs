@@ -39,6 +39,8 @@ pub struct Theorem {
     pub ticks_checked: u64,
     /// Steps at which every assumption of V_th held, so that a rise has no excuse.
     pub ticks_judged: u64,
+    /// Watched ticks that were not judged, by the causes in force; several may be in one tick.
+    pub unjudged: BTreeMap<String, u64>,
     /// Wrenches that were not judged, because a message before them was lost, or another process took over.
     pub ticks_unwatched: u64,
     /// Steps at which V_th rose, or changed by other than the step owes, by cause.
@@ -98,8 +100,11 @@ impl Theorem {
     pub fn counts(&self) -> String {
         let ticks = count(self.ticks, "tick");
         let mut counts = format!("V_th judged in {} of {ticks}", self.ticks_judged);
-        if self.ticks_judged < self.ticks_checked && !self.broken.is_empty() {
-            counts += &format!(" ({} in the others)", self.broken.join(", "));
+        let unjudged = self.unjudged.iter();
+        let unjudged = unjudged.map(|(cause, ticks)| format!("{cause} in {ticks}"));
+        let unjudged: Vec<String> = unjudged.collect();
+        if !unjudged.is_empty() {
+            counts += &format!(" ({})", unjudged.join(", "));
         }
         if self.ticks_unwatched > 0 {
             let unwatched = self.ticks_unwatched;
@@ -224,13 +229,11 @@ impl Torque {
         })
     }
 
-    /// Whether the torque of (19) acted, or a wrench was compared with it, in less than half of the ticks. Logs of earlier
-    /// versions compare neither.
+    /// Whether the torque of (19) acted, or a wrench was compared with it, in less than half of the ticks.
     fn hardly_acted(&self, ticks: u64) -> bool {
-        let is_compared = self.wrenches > 0 || self.rotors > 0;
         // No command is in force in the first ticks.
-        let least = (ticks / 2).saturating_sub(FIRST_TICKS);
-        is_compared && self.acted().min(self.wrenches) < least
+        let least = (ticks / 2).saturating_sub(FIRST_TICKS).max(1);
+        self.acted().min(self.wrenches) < least
     }
 
     /// In how many ticks the torque of (19) acted, and why not in the others.
@@ -301,12 +304,15 @@ impl InnovationSection {
         Self {
             rms_rad_s2: rms,
             sample_rms_rad_s2: sample,
-            correlation,
+            correlation: correlation.unwrap_or(0.0),
             says: match rms / sample {
                 share if share.is_nan() => ResidualCause::NotKnown,
                 ..UNEXPLAINED => ResidualCause::Explained,
-                _ if correlation < LASTING => ResidualCause::Noise,
-                _ => ResidualCause::MissingCause,
+                _ => match correlation {
+                    None => ResidualCause::NotKnown,
+                    Some(..LASTING) => ResidualCause::Noise,
+                    Some(_) => ResidualCause::MissingCause,
+                },
             },
             steps_at_bound: names
                 .into_iter()
@@ -352,9 +358,12 @@ pub struct TheoremStatistics {
     broken: u64,
     ticks: u64,
     judged: u64,
+    unjudged: [u64; CAUSES],
     unwatched: u64,
     innovation: Innovation,
     rate_error_rad_s: f64,
+    /// Where the monitor itself is at hand.
+    rate_error_rms_rad_s: Option<f64>,
     /// The inner law, where it has no theorem.
     law_without: Option<&'static str>,
 }
@@ -400,6 +409,7 @@ impl TheoremStatistics {
         self.innovation = monitor.innovation();
         self.error_allowed = monitor.error_allowed();
         self.rate_error_rad_s = monitor.rate_error_rad_s().unwrap_or(self.rate_error_rad_s);
+        self.rate_error_rms_rad_s = monitor.rate_error_rms_rad_s();
     }
 
     /// Takes what is said of a wrench; `epoch` tells one start of the inner loop from the next.
@@ -420,7 +430,13 @@ impl TheoremStatistics {
             .iter()
             .any(|cause| monitor.causes & cause.bit() != 0);
         self.ticks += 1;
-        self.judged += u64::from(monitor.ticks_checked > checked && !is_excused);
+        let is_checked = monitor.ticks_checked > checked;
+        self.judged += u64::from(is_checked && !is_excused);
+        let no_step = (!is_checked).then_some(Cause::StaleInput);
+        for cause in EXCUSES.into_iter().chain(no_step) {
+            let is_in_force = monitor.causes & cause.bit() != 0;
+            self.unjudged[cause as usize] += u64::from(is_in_force);
+        }
         self.broken |= monitor.causes;
         self.newest = Some((epoch, *monitor));
         self.theta_watched = self.theta;
@@ -435,14 +451,22 @@ impl TheoremStatistics {
             Theorem::of(&all, truth, self.error_allowed, self.broken)
         });
         let law_without = self.law_without.filter(|_| section.is_none());
+        let unjudged = Cause::ALL.into_iter().zip(self.unjudged);
+        let unjudged = unjudged.filter(|(_, ticks)| *ticks > 0);
+        let section = section.unwrap_or_default();
+        let rms = self.rate_error_rms_rad_s;
         Theorem {
+            unjudged: unjudged
+                .map(|(cause, ticks)| (cause.name().to_owned(), ticks))
+                .collect(),
+            rate_error_rms_rad_s: rms.unwrap_or(section.rate_error_rms_rad_s),
             law_without: law_without.map(str::to_owned),
             ticks: self.ticks,
             ticks_judged: self.judged,
             ticks_unwatched: self.unwatched,
             innovation: InnovationSection::of(&self.innovation),
             rate_error_final_rad_s: self.rate_error_rad_s,
-            ..section.unwrap_or_default()
+            ..section
         }
     }
 }
@@ -703,7 +727,7 @@ mod tests {
         assert!(
             section
                 .counts()
-                .starts_with("V_th judged in 1 of 4 ticks (motor_lag in the others)")
+                .starts_with("V_th judged in 1 of 4 ticks (motor_lag in 1)")
         );
     }
 }

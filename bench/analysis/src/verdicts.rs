@@ -4,10 +4,10 @@
 //! that is late can still track. Each comes with the numbers that it follows from.
 
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
-use crate::phrase::count;
+use crate::phrase::{beside, count};
 use crate::schema::{
-    ControlPerformance, Explained, FlightVerdict, NotFresh, QuantityError, Report, RunSection,
-    Speed, StabilityVerdict, Ticks, TimingVerdict, Verdicts,
+    ControlPerformance, Explained, FlightVerdict, NotFresh, QuantityError, Report, Speed,
+    StabilityVerdict, Ticks, TimingVerdict, Verdicts,
 };
 use crate::theorem::Theorem;
 use messages::blackboards::EndReason;
@@ -21,6 +21,8 @@ pub struct TrackingLimits {
     pub yaw_error_max_rad: f64,
     /// Height below which the airframe has hit the ground [m].
     pub ground_z_m: f64,
+    /// Position error beyond which a flight has left its envelope [m].
+    pub position_error_max_m: f64,
 }
 
 impl Verdicts {
@@ -33,18 +35,23 @@ impl Verdicts {
             timing: timing_verdict(ticks, &not_fresh, run.speed(), &report.steal),
             theorem: stability_verdict(theorem),
         };
+        verdicts.end(ending, ticks, ticks.flown_s(run));
+        verdicts
+    }
+
+    /// Considers how the flight ended after its ticks and this time [s].
+    pub fn end(&mut self, ending: Option<EndReason>, ticks: &Ticks, flown_s: f64) {
         match ending {
-            Some(EndReason::Interrupted) => verdicts.cut_short("interrupted", "", run, ticks),
-            Some(EndReason::Failed) => verdicts.cut_short("aborted", "", run, ticks),
+            Some(EndReason::Interrupted) => self.cut_short("interrupted", "", ticks, flown_s),
+            Some(EndReason::Failed) => self.cut_short("aborted", "", ticks, flown_s),
             _ => {}
         }
-        verdicts
     }
 
     /// The flight was aborted or interrupted: it is judged on what it flew, and nothing good is said of the rest. This
     /// replaces what a recorder has said of the end: it does not know why the plant was requested to end the flight.
-    pub fn cut_short(&mut self, how: &str, reason: &str, run: &RunSection, ticks: &Ticks) {
-        let (flown, flown_s) = (count(ticks.all(), "tick"), ticks.flown_s(run));
+    pub fn cut_short(&mut self, how: &str, reason: &str, ticks: &Ticks, flown_s: f64) {
+        let flown = count(ticks.all(), "tick");
         let flown = format!("{how} after {flown} ({flown_s:.3} s)");
         if self.flight.word == FlightVerdict::Tracked {
             self.flight.word = FlightVerdict::CutShort;
@@ -60,6 +67,12 @@ impl Verdicts {
         self.timing.begin_with(&flown);
         self.theorem.begin_with(&flown);
     }
+}
+
+/// How far beyond this limit [m] a flight left its envelope.
+pub fn beyond(performance: &ControlPerformance, limit_m: f64) -> String {
+    let error = beside(performance.position_error_max_m, limit_m, 2);
+    format!("left its envelope: position error up to {error} m, allowed are {limit_m} m")
 }
 
 /// Whether a flight follows its reference; it still flies without an ending.
@@ -81,6 +94,12 @@ pub fn flight_verdict(
         let why =
             format!("below ground: down to z = {lowest:.2} m{at}, the ground is at {ground} m");
         (FlightVerdict::Lost, why)
+    } else if performance.position_error_max_m > limits.position_error_max_m {
+        // The plant ends a flight for this only in ticks with a setpoint.
+        (
+            FlightVerdict::Lost,
+            beyond(performance, limits.position_error_max_m),
+        )
     } else {
         let limits = [limits.error_max_m, limits.yaw_error_max_rad];
         let errors = performance.errors().into_iter().zip(limits);
@@ -97,10 +116,8 @@ pub fn flight_verdict(
         };
         let words = named.iter().map(|(error, limit)| {
             let QuantityError { name, unit, .. } = error;
-            format!(
-                "{name} up to {:.4} {unit} (limit {limit} {unit})",
-                error.recent_max
-            )
+            let value = beside(error.recent_max, *limit, 4);
+            format!("{name} up to {value} {unit} (limit {limit} {unit})")
         });
         let words = words.collect::<Vec<_>>().join(", ");
         let recent_s = performance.recent_s;
@@ -113,7 +130,9 @@ pub fn flight_verdict(
             true => String::new(),
             false => format!("; before that {}", larger.join(", ")),
         };
-        (word, format!("{words} in the last {recent_s:.1} s{before}"))
+        let digits = if recent_s < 0.1 { 3 } else { 1 };
+        let recent = format!("in the last {recent_s:.digits$} s");
+        (word, format!("{words} {recent}{before}"))
     };
     Explained::new(word, why)
 }
@@ -180,11 +199,13 @@ mod tests {
     use super::*;
     use crate::phrase::name_of;
     use crate::sample::{good, not_fresh};
+    use crate::theorem::Torque;
 
     const LIMITS: TrackingLimits = TrackingLimits {
         error_max_m: 0.1,
         yaw_error_max_rad: 0.2,
         ground_z_m: -0.25,
+        position_error_max_m: 10.0,
     };
 
     fn words(verdicts: &Verdicts) -> [String; 3] {
@@ -206,7 +227,7 @@ mod tests {
     type Change = (usize, &'static str, fn(&mut Report));
 
     /// Place of a verdict, its word, and a change of a good flight that has no consequence for the other two.
-    const CHANGES: [Change; 28] = [
+    const CHANGES: [Change; 33] = [
         (0, "tracked", |it| yaw(it, 0.2)),
         (0, "tracked", |it| it.flight.recent_error_max_m = 0.1),
         (0, "tracked", |it| it.flight.position_error_max_m = 3.0),
@@ -217,6 +238,8 @@ mod tests {
             (it.flight.recent_error_max_m, it.flight.yaw_error) = (0.2, None)
         }),
         (0, "lost", |it| it.flight.lowest_z_m = -0.26),
+        (0, "tracked", |it| it.flight.position_error_max_m = 10.0),
+        (0, "lost", |it| it.flight.position_error_max_m = 10.01),
         (0, "not seen", |it| it.flight.states = 0),
         (1, "late", |it| not_fresh(it, 1, 0, 0)),
         (1, "late", |it| not_fresh(it, 0, 1, 0)),
@@ -243,6 +266,11 @@ mod tests {
         }),
         (2, "partly watched", |it| it.theorem.ticks_unwatched = 1),
         (2, "not judged", |it| it.theorem.ticks_judged = 9_999),
+        (2, "not judged", |it| it.theorem.torque = Torque::default()),
+        (2, "not judged", |it| it.theorem.torque.wrenches = 9_997),
+        (2, "not judged", |it| {
+            (it.theorem.ticks, it.theorem.torque.rotors) = (1, 0)
+        }),
         (2, "not judged", |it| {
             (it.theorem.ticks_checked, it.theorem.ticks_unwatched) = (0, 1)
         }),
@@ -273,6 +301,12 @@ mod tests {
         for (error_m, yaw_rad, expected) in [
             (0.1, 0.3, "yaw error up to 0.3000 rad (limit 0.2 rad)"),
             (0.3, 0.1, "position error up to 0.3000 m (limit 0.1 m)"),
+            // As many digits as show that it is too large.
+            (
+                0.100_003,
+                0.1,
+                "position error up to 0.100003 m (limit 0.1 m)",
+            ),
         ] {
             let [flight, _] = why(&|it| {
                 it.flight.recent_error_max_m = error_m;
@@ -280,6 +314,8 @@ mod tests {
             });
             assert_eq!(flight, format!("{expected} in the last 5.0 s"));
         }
+        let [flight, _] = why(&|it| it.flight.recent_s = 0.002);
+        assert!(flight.ends_with("in the last 0.002 s"), "{flight}");
         // An excursion before the last seconds is named, though the flight is tracked in these.
         let [flight, _] = why(&|it| it.flight.position_error_max_m = 1.34);
         let end = "in the last 5.0 s; before that position error up to 1.3400 m";

@@ -116,13 +116,13 @@ impl SignalGate {
         &self,
         place: usize,
         setpoint: Option<&Setpoint>,
-        wrench: &Wrench,
-        rotors: &RotorSpeeds,
+        wrench: Option<&Wrench>,
+        rotors: Option<&RotorSpeeds>,
     ) -> Option<f64> {
         let telemetry = match self.role {
             Role::Outer => &setpoint?.telemetry,
-            Role::Mixer => &rotors.telemetry,
-            _ => &wrench.telemetry,
+            Role::Mixer => &rotors?.telemetry,
+            _ => &wrench?.telemetry,
         };
         Some(telemetry.value[place]).filter(|value| !value.is_nan())
     }

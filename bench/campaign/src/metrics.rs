@@ -36,19 +36,18 @@ impl Metrics {
         }
     }
 
-    /// Adds a tick: its state, the setpoint if there was one, and the command computed from them.
-    pub fn take(
-        &mut self,
-        tick: u64,
-        state: &State,
-        setpoint: Option<&Setpoint>,
-        rotors: &RotorSpeeds,
-    ) {
+    /// Adds the state of a tick, and the setpoint if there was one.
+    pub fn state(&mut self, tick: u64, state: &State, setpoint: Option<&Setpoint>) {
         let errors = self.tracking.errors(tick, state, setpoint);
-        self.flight.take(tick, state, &errors, rotors);
+        self.flight.state(tick, state, &errors);
         let [position_m, yaw_rad, _] = errors;
         let is_below = self.bounds.hold(position_m, yaw_rad);
         self.recoveries.take(tick, is_below);
+    }
+
+    /// Adds a rotor command.
+    pub fn command(&mut self, rotors: &RotorSpeeds) {
+        self.flight.command(rotors);
     }
 
     /// The values of [`METRICS`]; there is no recovery without a fault, or when the flight did not recover from one.

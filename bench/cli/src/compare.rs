@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use analysis::comparison::{Comparison, Fault, Flight, Outcome, SCHEMA};
 use analysis::flight_metrics::ComparedFlight;
-use analysis::gates::Measured;
+use analysis::gates::{Measured, Number};
 use analysis::schema::Gate;
 use analysis::tracer::Tracer;
 use analysis::tracking::Tracking;
@@ -99,7 +99,7 @@ fn judge<'a>(
     let lost = outcomes.filter(|it| it.lost.is_some()).count();
     let lost = Measured {
         name: "lost flights".into(),
-        value: Ok((lost as f64, lost.to_string())),
+        value: Ok(Number::new(lost as f64, 0)),
     };
     let gate = max_lost.map(|most| Gate::at_most(most as f64, lost));
     Ok(exit_code(gate))
@@ -274,16 +274,21 @@ fn fly_all(plans: &[Plan], is_drawn: bool) -> Result<Vec<Comparison>, Failure> {
 
 fn fly(flight: &Flight, settings: &Settings, is_drawn: bool) -> Result<Outcome, Failure> {
     let tracking = Tracking::along(settings.course()?, flight.period_s);
-    let ground_z_m = settings.flight.ground_z_m;
-    let mut metrics = ComparedFlight::new(tracking, &settings.airframe()?, ground_z_m);
+    let limits = settings.tracking_limits();
+    let mut metrics = ComparedFlight::new(tracking, &settings.airframe()?, limits);
     let mut tracer = Tracer::new(tracking);
     tracer.set_laws(settings.flown_laws()?);
     let mut rig = Simulator::of(settings)?;
     let mut invalid = InvalidOutputs::default();
     let flown = simulate::fly(&mut rig, settings, |rig| {
         invalid.take(rig);
-        metrics.take(rig.flown_tick(), rig.state(), rig.rotor_speeds());
-        if is_drawn && metrics.lost.is_none() {
+        if rig.has_state() {
+            metrics.state(rig.flown_tick(), rig.state());
+        }
+        if let Some(speeds) = rig.new_rotor_speeds() {
+            metrics.command(speeds);
+        }
+        if is_drawn && rig.has_state() && metrics.lost.is_none() {
             tracer.take(&rig.joined());
         }
         Ok(())

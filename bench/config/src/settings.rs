@@ -436,6 +436,7 @@ impl Settings {
             error_max_m: self.flight.tracking_error_max_m,
             yaw_error_max_rad: self.flight.tracking_yaw_error_max_rad,
             ground_z_m: self.flight.ground_z_m,
+            position_error_max_m: self.flight.position_error_max_m,
         }
     }
 

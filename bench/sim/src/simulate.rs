@@ -50,11 +50,13 @@ pub fn report(
     let mut tracer = leaves.plot.map(|_| Tracer::new(tracking));
     tracer.iter_mut().for_each(|tracer| tracer.set_laws(laws));
     let look = |rig: &Simulator| -> Result<(), Failure> {
-        if let Some(states) = &mut states {
-            states.write(&rig.joined())?;
-        }
-        if let Some(tracer) = &mut tracer {
-            tracer.take(&rig.joined());
+        if rig.has_state() {
+            if let Some(states) = &mut states {
+                states.write(&rig.joined())?;
+            }
+            if let Some(tracer) = &mut tracer {
+                tracer.take(&rig.joined());
+            }
         }
         observations.take(rig);
         Ok(())
@@ -191,9 +193,13 @@ impl Observations {
     fn take(&mut self, rig: &Simulator) {
         self.unusable.take(rig);
         let (tick, state) = (rig.flown_tick(), rig.state());
-        let errors = self.tracking.errors(tick, state, rig.setpoint());
-        self.errors.take(tick, state, &errors);
-        self.effort.take(rig.rotor_speeds());
+        if rig.has_state() {
+            let errors = self.tracking.errors(tick, state, rig.setpoint());
+            self.errors.take(tick, state, &errors);
+        }
+        if let Some(speeds) = rig.new_rotor_speeds() {
+            self.effort.take(speeds);
+        }
         let actual = rig.state().truth.theta();
         self.theorem.truth(actual);
         let Some(wrench) = rig.new_wrench() else {

@@ -106,14 +106,29 @@ impl Simulator {
             .help("fly it: `ironbird fly --trajectory mavlink --mavlink --allow-control`; or choose another one, such as hover"));
         }
         let mut rig = Self::new(&plant, outer, inner, mixer);
+        if settings.has_several_laws() {
+            return Err(Failure::usage(
+                "channels fly different laws, and a simulation flies one channel: leave out the sections of channels, or fly \
+                 them with `ironbird fly`",
+            ));
+        }
         let planned = settings.planned()?;
         for fault in &planned.acts {
-            let Target::Processor(_) = fault.kind.target else {
-                continue;
+            const ONE_CHANNEL: &str = "a simulation flies one channel";
+            let kind = fault.kind.spec().name;
+            let (what, why) = match fault.kind.target {
+                Target::Processor(_) => (
+                    format!("cpu.{kind}"),
+                    "ticks of a simulation need no processor",
+                ),
+                Target::Stage(_, role, Some(channel)) => {
+                    (format!("{}.{role}.{kind}", channel.name()), ONE_CHANNEL)
+                }
+                Target::Channel(_, channel) => (format!("{}.{kind}", channel.name()), ONE_CHANNEL),
+                _ => continue,
             };
-            let name = fault.kind.spec().name;
             return Err(Failure::usage(format!(
-                "fault: cpu.{name}: ticks of a simulation need no processor: leave it out, or fly it with `ironbird fly`"
+                "fault: {what}: {why}: leave it out, or fly it with `ironbird fly`"
             )));
         }
         if !planned.has_no_loop_faults() {

@@ -92,6 +92,94 @@ fn flights_with_faults_losses_and_recorded_timing_are_their_snapshots() {
     insta::assert_snapshot!(text);
 }
 
+/// The gates of a flight of 2 s at one place, without ground, with these settings.
+fn judged(set: &str) -> Vec<String> {
+    let set = format!("flight.trajectory=hover; flight.ground_z_m=-100; {set}");
+    let files = OutputFiles::default();
+    let (_, result) = simulate::report(&settings(2.0, &set), None, &files).unwrap();
+    let gates = result.gates.into_iter();
+    gates
+        .map(|it| format!("{} {}: {}", it.held, it.name, it.value))
+        .collect()
+}
+
+#[test]
+fn what_no_stage_published_counts_in_no_gate() {
+    let effort = "recorder.max_agitation_rad_s=0.03; recorder.max_saturated_percent=50";
+    let check = |set: &str, words: &str| {
+        let gates = judged(set);
+        assert!(gates.last().unwrap().contains(words), "{gates:?}");
+    };
+    // The rotors stand still before the first command; the step from there is not one of the mixer.
+    check(
+        &format!("{effort}; flight.faults=[\"mixer.stop=10ms@0s\"]"),
+        "true change of a rotor's command in a tick, rms [rad/s]: 0.01",
+    );
+    // Without a rotor command there is nothing to judge.
+    check(
+        &format!("{effort}; flight.faults=[\"mixer.stop=60s@0s\"]"),
+        "false change of a rotor's command in a tick, rms [rad/s]: measured nothing: no rotor command was seen",
+    );
+    let unmoved = "outer.stop=200ms@0s\", \"mixer.stop=60s@0s";
+    check(
+        &format!("recorder.gate_theorem=true; flight.faults=[\"{unmoved}\"]"),
+        "no torque was compared with (19)",
+    );
+    // Wrenches in ticks without a state count, too: this is less than half of them.
+    check(
+        "recorder.gate_theorem=true; flight.faults=[\"plant.stop=1200ms@500ms\"]",
+        "false theorem: 0 unexplained, estimates live, V_th judged in",
+    );
+    check(
+        "rt.channels=2; recorder.gate_channels=true",
+        "measured nothing: no commands of two channels could be compared",
+    );
+}
+
+#[test]
+fn the_rate_error_of_a_short_flight_is_the_mean_of_what_there_was() {
+    let settings = settings(0.05, "");
+    let rig = Simulator::of(&settings).unwrap();
+    let mut rig = rig.with_monitor(settings.theorem().unwrap());
+    let (mut steps, mut sum) = (0.0, 0.0);
+    simulate::fly(&mut rig, &settings, |rig| {
+        let error = rig.theorem().rate_error_rad_s().unwrap();
+        (steps, sum) = (steps + 1.0, sum + error * error);
+        Ok(())
+    })
+    .unwrap();
+    let (mean, rms) = (
+        f64::sqrt(sum / steps),
+        rig.theorem().rate_error_rms_rad_s().unwrap(),
+    );
+    assert!(
+        mean > 0.0 && (rms / mean - 1.0).abs() < 0.05,
+        "{rms}, {mean}"
+    );
+}
+
+#[test]
+fn a_flight_that_left_its_envelope_without_a_setpoint_is_lost() {
+    let blown = "\"outer.stop=2s@10ms\", \"wind_x_m_s=10@10ms\"";
+    let set = format!("flight.position_error_max_m=1; flight.faults=[{blown}]");
+    let gates = judged(&set);
+    let begin = "false flight envelope: the flight left its envelope: position error up to ";
+    assert!(gates[0].starts_with(begin), "{gates:?}");
+    let settings = settings(2.0, &format!("flight.trajectory=hover; {set}"));
+    let mut rig = Simulator::of(&settings).unwrap();
+    let flown = simulate::fly(&mut rig, &settings, |_| Ok(())).unwrap();
+    // It flew to its end, as the outer loop was silent.
+    assert_eq!(flown.ticks, 2001);
+    let error_m = |tick: u64| {
+        let mut rig = Simulator::of(&settings).unwrap();
+        rig.start().unwrap();
+        (0..=tick).for_each(|_| rig.tick());
+        rig.state().truth.position_w_m[0]
+    };
+    let tick = flown.departure_tick.unwrap();
+    assert!(error_m(tick) > 1.0 && error_m(tick - 1) <= 1.0);
+}
+
 #[test]
 fn what_stages_sent_after_the_last_state_counts_and_skipped_ticks_are_flight_time() {
     let mut timing = Timing::read(&recorded("real-time")).unwrap();

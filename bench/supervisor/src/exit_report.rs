@@ -519,9 +519,10 @@ mod tests {
     fn the_verdict_names_the_error_that_ended_the_flight_and_not_the_end_that_it_led_to() {
         let reports = concat!(env!("CARGO_MANIFEST_DIR"), "/../render/tests/reports");
         let mut report = Report::read(&Path::new(reports).join("lockstep/report.json")).unwrap();
+        let flown_s = report.ticks.flown_s(&report.run);
         report
             .words
-            .cut_short("interrupted", "", &report.run, &report.ticks);
+            .cut_short("interrupted", "", &report.ticks, flown_s);
         let before = report.words.flight.clone();
         let directory = tempfile::tempdir().unwrap();
         let log =

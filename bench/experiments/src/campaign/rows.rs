@@ -164,12 +164,17 @@ impl Observed {
     }
 
     fn take(&mut self, rig: &Simulator, gates: &Gates) {
-        let (setpoint, speeds) = (rig.setpoint(), rig.rotor_speeds());
-        self.metrics
-            .take(rig.flown_tick(), rig.state(), setpoint, speeds);
+        let (setpoint, wrench) = (rig.setpoint(), rig.new_wrench());
+        let speeds = rig.new_rotor_speeds();
+        if rig.has_state() {
+            self.metrics.state(rig.flown_tick(), rig.state(), setpoint);
+        }
+        if let Some(speeds) = speeds {
+            self.metrics.command(speeds);
+        }
         let gates = gates.telemetry.iter().zip(&self.places);
         for ((gate, place), range) in gates.zip(&mut self.telemetry) {
-            let value = place.and_then(|place| gate.value(place, setpoint, rig.wrench(), speeds));
+            let value = place.and_then(|place| gate.value(place, setpoint, wrench, speeds));
             if let (Some([low, high]), Some(value)) = (range, value) {
                 (*low, *high) = (low.min(value), high.max(value));
             }

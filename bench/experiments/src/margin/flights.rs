@@ -120,7 +120,7 @@ impl<'a> Flights<'a> {
             rig.tick();
             judge.take(&rig, |rig| {
                 let (tick, state) = (rig.flown_tick(), rig.state());
-                if tick < self.from {
+                if tick < self.from || !rig.has_state() {
                     return Ok(());
                 }
                 let [error_m, yaw_rad, _] = self.tracking.errors(tick, state, rig.setpoint());

@@ -608,11 +608,12 @@ impl WatchedFlight {
         };
         let limits = self.settings.tracking_limits();
         let speed = Speed::of(run.period_ns, run.sample_time_ns);
-        let verdicts = Verdicts {
+        let mut verdicts = Verdicts {
             flight: flight_verdict(&statistics.flight(), self.ending, &limits),
             timing: timing_verdict(&ticks, &not_fresh, speed, &self.steal),
             theorem: stability_verdict(&theorem),
         };
+        verdicts.end(self.ending, &ticks, run.flight_time_s(ticks.all()));
         (verdicts, not_fresh)
     }
 }

@@ -195,6 +195,21 @@ fn shows(model: &Model, words: &str) {
     assert!(screen.contains(words), "no `{words}` in\n{screen}");
 }
 
+#[test]
+fn an_interrupted_flight_is_cut_short() {
+    let mut model = model();
+    let flight = flight(&mut model);
+    for (ending, how) in [
+        (EndReason::Interrupted, "interrupted after "),
+        (EndReason::Failed, "aborted after "),
+    ] {
+        flight.ending = Some(ending);
+        let (verdicts, _) = flight.verdicts();
+        let whys = [verdicts.flight.why, verdicts.timing.why];
+        assert!(whys.iter().all(|why| why.starts_with(how)), "{whys:?}");
+    }
+}
+
 /// Screens as in `snapshots/`: `INSTA_UPDATE=always cargo test -p live` accepts a change.
 #[test]
 fn each_page_is_its_snapshot() {

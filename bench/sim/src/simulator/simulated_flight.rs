@@ -8,6 +8,7 @@ use crate::recorded_timing::{Event, Source, Timing};
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
 use analysis::faults::AppliedSwap;
+use analysis::phrase::beside;
 use analysis::tracking::Tracking;
 use config::Settings;
 use errors::Failure;
@@ -31,7 +32,8 @@ impl SimulatedFlight {
     }
 }
 
-/// Runs to the last tick or until the flight leaves its envelope, and calls `look` after each tick.
+/// Runs to the last tick or until the flight leaves its envelope, and calls `look` after each tick, also those without a
+/// state.
 pub fn fly(
     rig: &mut Simulator,
     settings: &Settings,
@@ -140,6 +142,7 @@ pub struct Judge {
     ground_z_m: f64,
     tracking: Tracking,
     lowest_z_m: f64,
+    error_max_m: f64,
     flown: SimulatedFlight,
 }
 
@@ -153,6 +156,7 @@ impl Judge {
             ground_z_m: flight.ground_z_m,
             tracking: Tracking::along(settings.course()?, flight.period_s),
             lowest_z_m: f64::INFINITY,
+            error_max_m: 0.0,
             flown: SimulatedFlight::default(),
         })
     }
@@ -184,8 +188,8 @@ impl Judge {
         if let Some(speeds) = rig.new_rotor_speeds() {
             self.flown.outputs.take(tick, speeds);
         }
+        look(rig)?;
         if rig.has_state() {
-            look(rig)?;
             self.leaves(rig);
         }
         Ok(())
@@ -217,6 +221,10 @@ impl Judge {
         let (tick, state, setpoint) = (rig.state.tick, rig.state(), rig.setpoint());
         let error_m = self.tracking.setpoint_error_m(tick, state, setpoint);
         let allowed_m = self.allowed_m;
+        self.error_max_m = self.error_max_m.max(error_m);
+        if error_m > allowed_m {
+            self.flown.departure_tick.get_or_insert(tick);
+        }
         // It is the outer loop that ends a flight for this, where it works.
         if setpoint.is_some() && error_m > allowed_m {
             let what = format!(
@@ -229,9 +237,15 @@ impl Judge {
 
     pub fn end(mut self) -> SimulatedFlight {
         let (lowest_z_m, ground_z_m) = (self.lowest_z_m, self.ground_z_m);
+        let (error_max_m, allowed_m) = (self.error_max_m, self.allowed_m);
         if self.flown.departure.is_none() && lowest_z_m < ground_z_m {
             self.flown.departure = Some(format!(
                 "the flight was below ground: down to z = {lowest_z_m:.2} m, the ground is at {ground_z_m} m"
+            ));
+        } else if self.flown.departure.is_none() && error_max_m > allowed_m {
+            let error = beside(error_max_m, allowed_m, 2);
+            self.flown.departure = Some(format!(
+                "the flight left its envelope: position error up to {error} m, allowed are {allowed_m} m"
             ));
         }
         self.flown
