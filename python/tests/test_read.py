@@ -83,3 +83,11 @@ def test_what_is_no_flight_is_told(tmp_path, ironbird_command):
     with pytest.raises(ironbird.LogError) as raised:
         ironbird.read("nowhere", out="runs")
     assert f"error: {raised.value}\n" == result
+
+
+@pytest.mark.parametrize(("text", "why"), [("nonsense", "Expecting value"), ("", "Expecting value"), ("[]", "no schema"), ("{}", "no schema")])
+def test_a_damaged_report_is_named(ironbird_command, tmp_path, text, why):
+    run = fly(ironbird_command, tmp_path, "--pace", "lockstep", duration="10ms")
+    (run / "report.json").write_text(text)
+    with pytest.raises(ironbird.LogError, match=f"report.json is no report of a flight: .*{why}"):
+        ironbird.read(run)

@@ -15,8 +15,9 @@ use messages::monitor::Monitor;
 use messages::role::Role;
 use messages::telemetry::{LAW_ROLES, Telemetry};
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What the states leave free on their disk, for the report [bytes].
 const LEFT_FREE_BYTES: u64 = 1 << 20;
@@ -68,6 +69,7 @@ fn fixed_columns() -> impl Iterator<Item = String> {
 }
 
 pub struct StatesWriter {
+    path: PathBuf,
     csv: csv::Writer<Box<dyn Write>>,
     /// None where rows are written as they come.
     queue: Option<AsyncWriter>,
@@ -104,6 +106,7 @@ impl StatesWriter {
             Ok(Self {
                 csv,
                 queue,
+                path: path.to_owned(),
                 tracking,
                 laws,
                 every_ticks,
@@ -120,12 +123,20 @@ impl StatesWriter {
         let cell = |value| known(value).map_or_else(String::new, |value| format!("{value:?}"));
         let row = row(joined, &self.tracking, &self.laws).into_iter();
         let written = self.csv.write_record(row.map(cell));
-        written.map_err(|e| Failure::failed(format!("cannot write the states: {e}")))
+        written.map_err(|e| self.failed(&e))
+    }
+
+    fn failed(&self, e: &dyn fmt::Display) -> Failure {
+        Failure::failed(format!("cannot write {}: {e}", self.path.display()))
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     pub fn flush(&mut self) -> Result<(), Failure> {
         let flushed = self.csv.flush();
-        flushed.map_err(|e| Failure::failed(format!("cannot write the states: {e}")))?;
+        flushed.map_err(|e| self.failed(&e))?;
         if let Some(queue) = &self.queue {
             queue.settle_or_drop();
         }

@@ -115,8 +115,18 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     create_directory(directory)?;
     let path = directory.join(perfetto::FILE);
     let file = AsideFile::create(&path).in_file("write", &path)?;
-    // The log may have been taken away from its flight's directory.
-    let report = Report::read(&reader.path().with_file_name("report.json")).ok();
+    let report = reader.path().with_file_name("report.json");
+    let report = match Report::read(&report) {
+        Ok(report) => Some(report),
+        // The log may have been taken away from its flight's directory.
+        Err(_) if !report.exists() => None,
+        Err(failure) => {
+            say(&failure
+                .append("; the faults of the flight are left out")
+                .warning());
+            None
+        }
+    };
     let faults = report.iter().flat_map(|it| &it.faults);
     let faults = faults.filter(|it| !it.is_cancelled()).flat_map(|it| {
         let end = it.to_tick.map(|tick| (tick, format!("{} ends", it.what)));

@@ -15,7 +15,7 @@ use experiments::combinations;
 use experiments::margin::limits::{Phases, bounds};
 use experiments::margin::target::{self, Target};
 use experiments::margin::{Task, measure_all, table};
-use experiments::parallel::processors;
+use experiments::parallel::jobs;
 use process::signals::stop_flag;
 use render::margin::document;
 
@@ -110,6 +110,6 @@ fn task(args: &MarginArgs, settings: &Settings) -> Result<Task, Failure> {
         targets: target::all().filter(is_selected).collect(),
         bounds: bounds(&args.gates, settings)?,
         longest: (longest_s / period_s + 1e-9).floor() as u64,
-        jobs: args.jobs.unwrap_or_else(processors),
+        jobs: jobs(args.jobs, [settings])?,
     })
 }

@@ -6,6 +6,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
+use config::Settings;
 use errors::{Failure, INTERRUPTED};
 
 pub fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
@@ -13,6 +14,26 @@ pub fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
         true => Err(Failure::new(INTERRUPTED, "interrupted")),
         false => Ok(()),
     }
+}
+
+/// Flights at once: as many as asked for, else one per processor. A firmware flies alone: its ports are those of one flight.
+pub fn jobs<'a>(
+    asked: Option<usize>,
+    flown: impl IntoIterator<Item = &'a Settings>,
+) -> Result<usize, Failure> {
+    for settings in flown {
+        let inner = settings.laws()?[1].name;
+        if firmware::is_program(inner) {
+            return match asked {
+                None | Some(1) => Ok(1),
+                Some(jobs) => Err(Failure::usage(format!(
+                    "--jobs {jobs}: `{inner}` flies one flight at a time, because its ports are those of one flight"
+                ))
+                .help("leave --jobs out")),
+            };
+        }
+    }
+    Ok(asked.unwrap_or_else(processors))
 }
 
 pub fn processors() -> usize {

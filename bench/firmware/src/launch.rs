@@ -102,9 +102,10 @@ impl Program {
     pub fn start(port: &Port, executable: &Path, priority: i32) -> Result<Self, Refused> {
         let failed = |e: io::Error| {
             Refused(format!(
-                "{}: {} cannot be started: {e}",
+                "{}: {} cannot be started: {e}; {} names another executable",
                 port.description.name,
-                executable.display()
+                executable.display(),
+                port.variable
             ))
         };
         remove_leftovers();
@@ -139,7 +140,10 @@ impl Program {
     fn last_words(&self) -> String {
         let text = fs::read(self.directory.path().join(OUTPUT)).unwrap_or_default();
         let text = String::from_utf8_lossy(&text).into_owned();
-        text.lines().last().unwrap_or_default().to_owned()
+        let last = text.lines().last();
+        last.map_or("it wrote nothing".into(), |last| {
+            format!("it wrote last: {last}")
+        })
     }
 }
 
@@ -292,7 +296,7 @@ impl Launch {
             .unwrap_or_else(|| "another flight or another firmware".into());
         let ports: Vec<String> = ports.map(|port| port.to_string()).collect();
         self.refused(format!(
-            "port {} is in use by {holder}: end it, or {other}; `margin` and `campaign` need --jobs 1",
+            "port {} is in use by {holder}: end it, or {other}",
             ports.join(" or ")
         ))
     }
@@ -308,7 +312,7 @@ impl Launch {
         };
         program.ended().map_or(Ok(()), |status| {
             let words = program.last_words();
-            Err(self.refused(format!("{ended}: {status}; it wrote last: {words}")))
+            Err(self.refused(format!("{ended}: {status}; {words}")))
         })
     }
 
@@ -338,7 +342,7 @@ impl Launch {
         let limit_s = limit.as_secs_f64();
         Err(self.refused(match words {
             Some(words) => format!(
-                "it sent no motor commands within {limit_s} s of its start (attempts: {starts}); it wrote last: {words}"
+                "it sent no motor commands within {limit_s} s of its start (attempts: {starts}); {words}"
             ),
             None => format!(
                 "no firmware has connected to port {} within {limit_s} s: start it beside the flight (`ironbird docs firmware`), or wait \
@@ -363,9 +367,10 @@ impl Launch {
             if begun.elapsed() > self.limit {
                 let why =
                     (self.port.why_not_armed)().unwrap_or_else(|| "it does not say why".into());
+                let limit_s = self.limit.as_secs_f64();
                 return Err(self.refused(format!(
-                    "it has not armed within {} s: {why}",
-                    self.limit.as_secs_f64()
+                    "it has not armed within {limit_s} s: {why}; fly on an idle machine, or wait longer with --set \
+                     inner.arming_limit_s=SECONDS"
                 )));
             }
             // An attempt that is refused is over only when the switch has been off.

@@ -160,26 +160,32 @@ impl<'a> RunFiles<'a> {
     }
 
     pub fn write_state(&mut self, joined: &Joined) {
-        let written = self
-            .states
-            .iter_mut()
-            .try_for_each(|states| states.write(joined));
-        self.note(STATES, written);
+        self.each_states(|states| states.write(joined));
     }
 
     pub fn flush_states(&mut self) {
-        let flushed = self.states.iter_mut().try_for_each(StatesWriter::flush);
-        self.note(STATES, flushed);
+        self.each_states(StatesWriter::flush);
     }
 
     pub fn finish_states(&mut self) {
-        // Finishes each of them, also after one that failed.
-        let finished = self
-            .states
-            .iter_mut()
-            .map(StatesWriter::finish)
-            .fold(Ok(()), Result::and);
-        self.note(STATES, finished);
+        self.each_states(StatesWriter::finish);
+    }
+
+    /// Acts on each file of states, also after one that failed.
+    fn each_states(&mut self, act: impl Fn(&mut StatesWriter) -> Result<(), Failure>) {
+        let mut failed = Vec::new();
+        for (place, states) in self.states.iter_mut().enumerate() {
+            if let Err(failure) = act(states) {
+                let file = match place {
+                    0 => STATES.to_owned(),
+                    _ => states.path().display().to_string(),
+                };
+                failed.push((file, failure));
+            }
+        }
+        failed
+            .into_iter()
+            .for_each(|(file, failure)| self.note(file, Err(failure)));
     }
 
     pub fn write_latencies(&mut self, series: &mut SeriesSet) {

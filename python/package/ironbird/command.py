@@ -26,6 +26,8 @@ Flag: TypeAlias = Value | None | Iterable[Value] | Mapping[str, Any]
 Keywords = ParamSpec("Keywords")
 Result = TypeVar("Result")
 
+# Flags whose value is true or false.
+BOOLEANS = frozenset({"rehearse"})
 PRINTING = {"help", "version", "print_config"}
 """Flags with which a command has no result."""
 
@@ -138,6 +140,8 @@ def arguments(flags: Mapping[str, Flag]) -> Iterator[str]:
         flag = "--" + name.rstrip("_").replace("_", "-")
         if isinstance(value, Mapping):
             yield from (f"{flag}={key}={text}" for key, text in _settings(value))
+        elif isinstance(value, bool) and name in BOOLEANS:
+            yield f"{flag}={str(value).lower()}"
         elif value is True:
             yield flag
         elif value is None or value is False:

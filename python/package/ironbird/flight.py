@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from ironbird import plot as picture
 from ironbird import table
+from ironbird._rig import LogError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -181,6 +182,19 @@ class Fault:
     new: float
 
 
+def _report(file: Path | None) -> dict[str, Any]:
+    if file is None or not file.is_file():
+        return {}
+    try:
+        report = json.loads(file.read_text(encoding="utf-8"))
+        if isinstance(report, dict) and "schema" in report:
+            return report
+        why = "it has no schema"
+    except ValueError as error:
+        why = str(error)
+    raise LogError(f"{file} is no report of a flight: {why}; move it away to read the log without it")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Flight:
     """A flight: arrays with a row per tick, and what is known of it."""
@@ -233,8 +247,9 @@ class Flight:
         without a report, how it ended."""
         words: Mapping[str, Mapping[str, str]] = self.report.get("words", {})
         if not words:
-            error_m = self.position_error_m[self.t >= self.t[-1] - 5.0].max() if len(self.t) else np.nan
-            return {"flight": f"{self.end}; position error up to {error_m:.4f} m in the last 5 s"}
+            recent_s = min(5.0, float(self.t[-1])) if len(self.t) else 0.0
+            error_m = self.position_error_m[self.t >= self.t[-1] - recent_s].max() if len(self.t) else np.nan
+            return {"flight": f"{self.end}; position error up to {error_m:.4f} m in the last {recent_s:.1f} s"}
         verdicts = {name: f"{it['word'].replace('_', ' ')}: {it['why']}" for name, it in words.items()}
         last = "\n".join(self.report["run"]["last_words"])
         return verdicts | ({"last words": last} if last else {})
@@ -360,5 +375,5 @@ class Flight:
             period_s=facts["period_s"],
             settings=tomllib.loads(facts["settings"]) | facts.get("handed", {}),
             directory=directory,
-            report=json.loads(report.read_text()) if report and report.is_file() else {},
+            report=_report(report),
         )

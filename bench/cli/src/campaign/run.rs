@@ -17,7 +17,7 @@ use analysis::phrase::count;
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{IN_THE_WAY, Plan, open_directory};
 use experiments::campaign::rows::{Flight, LANES, fly_all};
-use experiments::parallel::processors;
+use experiments::parallel::jobs;
 use experiments::progress::Progress;
 use process::signals::stop_flag;
 
@@ -40,19 +40,21 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     let chunks = args.shard.map_or(Ok(0..plan.campaign.chunks()), |shard| {
         of_shard(&plan, shard)
     })?;
+    let jobs = jobs_of(args.jobs, &plan)?;
     open_directory(&plan, &out)?;
     if build::here().dirty {
         say(&format!("warning: {DIRTY}\n"));
     }
-    let ended = fly(
-        &plan,
-        &out,
-        args.jobs.unwrap_or_else(processors),
-        &stop,
-        chunks,
-    )?;
+    let ended = fly(&plan, &out, jobs, &stop, chunks)?;
     print(&ended.text(&plan, &out))?;
     Ok(if ended.interrupted { INTERRUPTED } else { OK })
+}
+
+fn jobs_of(asked: Option<usize>, plan: &Plan) -> Result<usize, Failure> {
+    let arms = 0..plan.campaign.arms.len();
+    let settings = arms.map(|arm| Ok(plan.flight(0, arm)?.0));
+    let settings = settings.collect::<Result<Vec<_>, Failure>>()?;
+    jobs(asked, &settings)
 }
 
 pub(super) fn default_directory(plan: &Plan) -> PathBuf {
@@ -189,7 +191,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let begun = Instant::now();
     let mut rows = Vec::new();
     let tried = campaign.flights.min(TRIED_MAX);
-    let jobs = args.jobs.unwrap_or_else(processors);
+    let jobs = jobs_of(args.jobs, &plan)?;
     // All over the campaign, so that a grid's cells are tried too.
     let flight = |i: u64| (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
     let mut next = 0;

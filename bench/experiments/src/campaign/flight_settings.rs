@@ -2,7 +2,7 @@
 //! and a copy of its file.
 
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -276,6 +276,9 @@ pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
 
 fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).in_file("make the directory", directory)?;
+    // Until this returns, another campaign that was started at once waits; where the file system has no locks, it does not.
+    let lock = File::open(directory).in_file("open", directory)?;
+    let _ = lock.lock();
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));
     if facts.exists() {
         let (there, place) = (Facts::read(directory)?, directory.display());
@@ -333,6 +336,12 @@ pub fn plan_of(directory: &Path) -> Result<Plan, Failure> {
     let plan = Plan::of(text, &facts.file)?;
     let (place, build) = (directory.display(), &facts.build);
     facts.check_recordings(&plan, &format!("{place} was flown with"))?;
+    if plan.identity.campaign != facts.campaign && *build == plan.identity.build {
+        return Err(Failure::usage(format!(
+            "{FILE} and {FACTS} of {place} are of different campaigns: one of them was changed"
+        ))
+        .help("run the campaign's file again into it: `ironbird campaign run FILE --out DIR`"));
+    }
     if plan.identity.campaign != facts.campaign {
         return Err(Failure::usage(format!(
             "{place} was flown by the build {build}, for which its campaign means other settings than for this one"

@@ -48,7 +48,7 @@ impl Mode {
 }
 
 /// The lowest target, where the vehicle stands on the ground [m].
-fn lowest_m(flight: &WatchedFlight) -> f64 {
+pub fn lowest_m(flight: &WatchedFlight) -> f64 {
     flight.settings.flight.ground_z_m + flight.settings.ground.leg_m
 }
 
@@ -234,6 +234,9 @@ pub fn of_command(command: &Command, flight: &WatchedFlight) -> Result<TargetOrd
             return Err(denied(why));
         }
         MavCmd::MAV_CMD_DO_REPOSITION => None,
+        MavCmd::MAV_CMD_DO_PAUSE_CONTINUE => {
+            return Err(denied("a flight that holds continues with its next target"));
+        }
         _ => return Err(denied(format!("{name:?} is not flown here"))),
     };
     let no_place = || {

@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use analysis::faults::InjectedFault;
 use analysis::phrase::count;
+use analysis::schema::FlightVerdict;
 use ipc::TargetOrder;
 use mavlink::dialects::common::*;
 use mavlink::types::CharArray;
@@ -46,6 +47,8 @@ const FIXED: &str =
     "the trajectory of this flight is fixed: setpoints have no effect; fly --trajectory mavlink";
 const FIXED_TRAJECTORY: &str =
     "the trajectory of this flight is fixed: `ironbird fly --trajectory` says what flies";
+const NOT_FLOWN: &str =
+    "missions and returns are not flown: send MAV_CMD_DO_REPOSITION, or setpoints in mode Offboard";
 const NOT_OFFBOARD: &str = "setpoints have no effect before MAV_CMD_DO_SET_MODE offboard";
 const SIGNED: &str = "signed frames are ignored: no key can be checked here; switch signing off";
 
@@ -95,6 +98,7 @@ pub struct Vehicle {
     /// Events of it that have been reported.
     reported: HashSet<(u64, String)>,
     missed: u64,
+    was_lost: bool,
     has_ended: bool,
     /// System and component of the sender that is answered.
     peer: [u8; 2],
@@ -170,14 +174,14 @@ impl Vehicle {
         }
     }
 
-    fn send_mode(&mut self, flight: &WatchedFlight) {
-        let heartbeat = message(HEARTBEAT_DATA::ID, flight, self.mode());
-        self.outbox.messages.extend(heartbeat);
+    fn send(&mut self, id: u32, flight: &WatchedFlight) {
+        let message = message(id, flight, self.mode());
+        self.outbox.messages.extend(message);
     }
 
     fn join(&mut self, flight: &WatchedFlight) {
         self.run_id = flight.run.run_id;
-        self.has_ended = false;
+        (self.has_ended, self.was_lost) = (false, false);
         (self.offboard_since, self.next_target) = (None, None);
         self.missed = flight.run.deadlines_missed;
         self.begun.clear();
@@ -199,6 +203,12 @@ impl Vehicle {
             if self.reported.insert((event.tick, event.text)) {
                 self.outbox.say(severity, &text);
             }
+        }
+        let flown = flight.verdicts().0.flight;
+        let is_lost = flight.ending.is_none() && flown.word == FlightVerdict::Lost;
+        if is_lost && !std::mem::replace(&mut self.was_lost, is_lost) {
+            let text = format!("the flight is lost: {}", flown.why);
+            self.outbox.say(MavSeverity::MAV_SEVERITY_CRITICAL, &text);
         }
         let missed = flight.run.deadlines_missed;
         if missed > self.missed && (self.now >= self.next_misses || ends) {
@@ -222,7 +232,14 @@ impl Vehicle {
         let text =
             format!("the flight has ended: {ending}; {tracked}, {timing}, theorem {theorem}");
         self.outbox.say(severity, &text);
-        self.send_mode(flight);
+        // The last ones of this flight.
+        for id in [
+            HEARTBEAT_DATA::ID,
+            EXTENDED_SYS_STATE_DATA::ID,
+            SYS_STATUS_DATA::ID,
+        ] {
+            self.send(id, flight);
+        }
     }
 
     fn refuse(&mut self, why: &str) {
@@ -371,7 +388,10 @@ impl Vehicle {
             | MAV_CMD_DO_SET_MODE
             | MAV_CMD_DO_SET_STANDARD_MODE
             | MAV_CMD_DO_PAUSE_CONTINUE
-            | MAV_CMD_MISSION_START => Err(denied(FIXED_TRAJECTORY)),
+            | MAV_CMD_MISSION_START => Err(denied(match flight.follows_targets() {
+                true => NOT_FLOWN,
+                false => FIXED_TRAJECTORY,
+            })),
             name => {
                 let why = format!("{name:?} is not supported");
                 Err((MavResult::MAV_RESULT_UNSUPPORTED, why))
@@ -553,7 +573,7 @@ impl Vehicle {
         if command.mode() == Some(Mode::Offboard) {
             self.check_may_change(flight)?;
             self.offboard_since = Some(flight.tick());
-            self.send_mode(flight);
+            self.send(HEARTBEAT_DATA::ID, flight);
             return Ok(Accepted::Now);
         }
         let order = of_command(command, flight)?;

@@ -5,10 +5,10 @@ use std::time::Duration;
 use mavlink::MessageData as _;
 use mavlink::dialects::common::*;
 use messages::blackboards::EndReason;
-use messages::content::ROTORS;
+use messages::content::{ROTORS, State};
 use messages::parameters::Parameter;
 
-use super::offboard::Mode;
+use super::offboard::{Mode, lowest_m};
 use crate::watch::dashboard_model::{Judged, WatchedFlight};
 use messages::ned::{ORIGIN, geographic, turned, turned_angles, turned_quaternion};
 
@@ -34,6 +34,9 @@ const MESSAGES: [(u32, u64, Report); 15] = [
     (AUTOPILOT_VERSION_DATA::ID, 0, autopilot_version),
     (CURRENT_MODE_DATA::ID, 0, current_mode),
 ];
+
+/// Height above the ground up to which a vehicle has landed [m].
+const LANDED_M: f64 = 0.01;
 
 /// Messages that are sent by themselves, and the usual interval.
 pub fn streams() -> impl Iterator<Item = (u32, Duration)> {
@@ -136,7 +139,8 @@ fn system_time(flight: &WatchedFlight, _: u32) -> Option<MavMessage> {
 }
 
 fn extended_sys_state(flight: &WatchedFlight, _: u32) -> Option<MavMessage> {
-    let touches = flight.state.is_some_and(|it| it.truth.touches_ground == 1);
+    let is_low = |it: State| it.truth.position_w_m[2] <= lowest_m(flight) + LANDED_M;
+    let touches = flight.state.is_some_and(is_low);
     Some(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
         vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
         landed_state: match flight.ending.is_some() || touches {
