@@ -25,9 +25,12 @@ def test_a_flight_is_the_simulated_one_with_its_report(rig):
     assert (flown.fingerprint, flown.status, simulated.status) == (simulated.fingerprint, "PASS", None)
     assert flown.directory == (Path("runs") / "latest").resolve() and flown.report["ticks"]["run"] == 1001
     assert flown.verdicts["flight"].startswith("tracked: position error up to ") and list(simulated.verdicts) == ["flight"]
-    assert ironbird.fly(trajectory="hover", rehearse=False, **flags).settings["rt"]["rehearse"] is False
     # A gate that does not hold is a result.
     assert ironbird.fly(trajectory="lissajous", max_tracking_error=1e-9, **flags).status == "FAIL"
+
+
+def test_a_flag_whose_value_is_a_truth_has_it(rig):
+    assert ironbird.fly(trajectory="hover", duration="50ms", rehearse=False).settings["rt"]["rehearse"] is False
 
 
 def test_a_lost_flight_is_a_result(rig):

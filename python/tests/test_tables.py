@@ -72,6 +72,11 @@ def test_the_joined_export_is_the_flight(ironbird_command, tmp_path, form):
     columns = READ[form](tmp_path / f"joined.{form}{'l' if form == 'json' else ''}")
     if form == "parquet":
         assert polars.read_parquet_metadata(tmp_path / "joined.parquet")["unit.truth.mass_kg"] == "kg"
+    # The layout's fingerprint has the highest of its 64 bits set.
+    exported = ironbird_command("export", "--format", form, "--to", tmp_path / "all", *runs)
+    fingerprints = READ[form](tmp_path / "all" / f"rotor_speeds.{form}{'l' if form == 'json' else ''}")
+    name = "envelope_layout" if form == "mat" else "envelope.layout"
+    assert fingerprints[name][0] > 2**63, exported
     if form == "mat":
         expected = {name.replace(".", "_"): values for name, values in expected.items()}
         assert all(len(name) <= 63 for name in expected)

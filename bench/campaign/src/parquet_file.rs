@@ -159,6 +159,10 @@ fn field(column: &Column) -> Result<TypePtr> {
     let (physical, logical) = match column.kind {
         Kind::Number => (Physical::DOUBLE, None),
         Kind::Integer => (Physical::INT64, None),
+        Kind::Unsigned => {
+            let unsigned = LogicalType::integer(64, false);
+            (Physical::INT64, Some(unsigned))
+        }
         Kind::Flag => (Physical::BOOLEAN, None),
         Kind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
     };
@@ -188,10 +192,12 @@ pub fn write_rows<W: Write + Send>(
                 Cell::Number(number) => Some(*number),
                 _ => None,
             }),
-            Kind::Integer => write::<Int64Type>(&mut to, cells, |cell| match cell {
-                Cell::Integer(integer) => Some(*integer),
-                _ => None,
-            }),
+            Kind::Integer | Kind::Unsigned => {
+                write::<Int64Type>(&mut to, cells, |cell| match cell {
+                    Cell::Integer(integer) => Some(*integer),
+                    _ => None,
+                })
+            }
             Kind::Flag => write::<BoolType>(&mut to, cells, |cell| match cell {
                 Cell::Flag(flag) => Some(*flag),
                 _ => None,

@@ -27,6 +27,8 @@ pub const TELEMETRY: &str = "telemetry.";
 pub enum Kind {
     Number,
     Integer,
+    /// In a cell it stands as an integer with the same bits.
+    Unsigned,
     Flag,
     Text,
 }

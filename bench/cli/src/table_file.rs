@@ -133,7 +133,7 @@ fn typed(column: &Column) -> TypedColumn {
         kind: if column.is_number {
             Kind::Number
         } else {
-            Kind::Integer
+            Kind::Unsigned
         },
         optional: true,
         cells: Vec::new(),

@@ -46,7 +46,7 @@ fn faults_silence_stages_and_miss_deadlines_as_planned() {
         ("outer.stop=15ms@1s", OUTER, 15, 0, 0),
         ("inner.stop=15ms@1s", INNER, 15, 0, 0),
         ("mixer.stop=15ms@1s", MIXER, 15, 15, 0),
-        ("plant.stop=15ms,mass_kg=0.55@1s", OUTER, 0, 0, 15),
+        ("plant.stop=15ms,mass_kg=0.55@1s", OUTER, 15, 0, 15),
         // A stage may be a little late; and the last command of the mixer is due, too.
         ("inner.late=300us@1s..2s", FRESH, 0, 0, 0),
         ("rotor_speeds.drop=1@tick3000", MIXER, 0, 1, 0),

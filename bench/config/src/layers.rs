@@ -366,8 +366,8 @@ impl Layers<'_> {
 
     /// Lays the airframe over the defaults: that of the flag, or that of the settings file, or the paper's.
     ///
-    /// A section `[airframe]` of the file, which is whole, as in the settings of a flight, overrides the name in it, and no
-    /// other file is read. A flag overrides both.
+    /// A section `[airframe]` of the file overrides the name in it: if it is whole, as in the settings of a flight, no
+    /// other file is read. A flag overrides both, and cannot be combined with a part of a section.
     fn lay_airframe(&mut self, settings: &mut Table) -> Result<Design, Failure> {
         let flag = self.flag_text("airframe").map(str::to_owned);
         let kept = match self.given.remove("airframe") {
@@ -375,15 +375,16 @@ impl Layers<'_> {
             _ => None,
         };
         let keys = table(settings, "airframe").map_or(0, Table::len);
-        if let Some(kept) = kept.as_ref().filter(|kept| kept.len() != keys) {
-            let (there, place) = (kept.len(), self.place());
+        let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == keys);
+        if let (Some(named), Some(_), false) = (&flag, &kept, is_whole) {
+            let place = self.place();
             return Err(Failure::usage(format!(
-                "the section [airframe] has {there} of its {keys} keys{place}: a part of an airframe cannot be set"
+                "--airframe {named} and a section [airframe]{place}: only one of them can say what is flown"
             ))
-            .help("write an airframe file and name it (--airframe FILE), or change the plant alone ([plant])"));
+            .help("write the values into a copy of the airframe's file, or change the plant alone ([plant])"));
         }
         let kept = kept.filter(|_| flag.is_none());
-        let is_whole = kept.is_some();
+        let is_whole = is_whole && kept.is_some();
         let name = flag.as_deref().or(self.given_text("airframe"));
         let name = name.filter(|_| !is_whole).unwrap_or(PAPER);
         let mut design = match name {

@@ -23,9 +23,10 @@ use messages::role::Channel;
 
 use super::failures::FAILURES;
 use super::link::{Address, Frame, Link, frames};
+use super::offboard::Mode;
 use super::parameters::FAILURES_ENABLED;
 use super::protocol::{Purpose, Request, Vehicle, What};
-use super::telemetry::streams;
+use super::telemetry::{self, streams};
 use crate::inject::parse_line;
 use crate::made_up::{flight, joined, message, run, take_command};
 use crate::watch::dashboard_model::{Model, WatchedFlight};
@@ -80,6 +81,29 @@ fn model(trajectory: &str) -> Model {
     };
     flight.take(&LogEntry::RotorSpeeds(message(1500, speeds)));
     model
+}
+
+#[test]
+fn a_vehicle_has_landed_where_it_stands_and_after_the_flight() {
+    let mut model = model("hover");
+    let flight = flight(&mut model);
+    let lowest_m = flight.settings.flight.ground_z_m + flight.settings.ground.leg_m;
+    let mut landed = |height_m: f64, ending| {
+        let mut state = flight.state.unwrap();
+        state.truth.position_w_m[2] = lowest_m + height_m;
+        flight.take(&LogEntry::State(message(1501, state)));
+        flight.ending = ending;
+        let id = EXTENDED_SYS_STATE_DATA::ID;
+        match telemetry::message(id, flight, Mode::Hold) {
+            Some(MavMessage::EXTENDED_SYS_STATE(it)) => it.landed_state,
+            other => panic!("{other:?}"),
+        }
+    };
+    use MavLandedState::*;
+    assert_eq!(landed(0.02, None), MAV_LANDED_STATE_IN_AIR);
+    assert_eq!(landed(0.01 - 1e-9, None), MAV_LANDED_STATE_ON_GROUND);
+    let ended = Some(EndReason::Completed);
+    assert_eq!(landed(1.0, ended), MAV_LANDED_STATE_ON_GROUND);
 }
 
 #[test]
