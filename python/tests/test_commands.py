@@ -66,6 +66,9 @@ def test_a_flag_that_only_prints_is_refused(rig):
     for command in (ironbird.fly, ironbird.compare, ironbird.margin):
         with pytest.raises(TypeError, match="help: this flag prints a text and flies nothing"):
             command(help=True)
+    for command in (ironbird.compare, ironbird.margin):
+        with pytest.raises(TypeError, match="format: .* returns a table: leave it out"):
+            command(format="text")
     with pytest.raises(TypeError, match="run `ironbird fly --print-config`"):
         ironbird.fly(print_config=True)
 

@@ -24,6 +24,15 @@ impl RecoveryBounds {
     }
 }
 
+/// Whether so many ticks after a fault are too few to tell a recovery.
+pub fn is_too_short(ticks: u64, period_s: f64) -> bool {
+    ticks < staying_ticks(period_s)
+}
+
+fn staying_ticks(period_s: f64) -> u64 {
+    (STAYING_S / period_s).round() as u64
+}
+
 #[derive(Clone, Debug)]
 pub struct Recoveries {
     faults: Vec<Fault>,
@@ -52,7 +61,7 @@ impl Recoveries {
         Self {
             faults: faults.into_iter().map(fault).collect(),
             last_tick,
-            staying_ticks: (STAYING_S / period_s).round() as u64,
+            staying_ticks: staying_ticks(period_s),
             next_tick: 0,
         }
     }

@@ -7,7 +7,7 @@ use crate::scale::Scale;
 use analysis::comparison::{
     Comparison, ErrorFigures, Fault, Figures, Flight, Outcome, POWER, TRUE_ERROR,
 };
-use analysis::recovery::{STAYING_S, STAYING_SHARE};
+use analysis::recovery::{STAYING_S, STAYING_SHARE, is_too_short};
 use analysis::schema::{AGITATION, AngleErrors};
 use analysis::traces::{self, Group, Span};
 
@@ -145,7 +145,9 @@ fn recovery(comparison: &Comparison) -> Option<Section> {
         flight.bound_yaw_rad,
         100.0 * STAYING_SHARE
     );
-    let table = table(comparison, columns, |it| recoveries_of(it).collect());
+    let table = table(comparison, columns, |it| {
+        recoveries_of(flight, it).collect()
+    });
     (!flight.faults.is_empty()).then(|| Section::new("recovery", title, vec![table]))
 }
 
@@ -337,13 +339,18 @@ fn over(comparison: &Comparison, label: &str, scale: Scale, layers: Vec<Layer>) 
 }
 
 /// Per fault, when a flight had recovered from it, in words.
-fn recoveries_of(outcome: &Outcome) -> impl Iterator<Item = String> {
-    let recovery_s = &outcome.figures.recovery_s;
-    let each = recovery_s.iter().enumerate();
-    each.map(|(i, time_s)| match time_s {
+fn recoveries_of(flight: &Flight, outcome: &Outcome) -> impl Iterator<Item = String> {
+    let ends = flight.faults.iter().skip(1).map(|next| next.tick);
+    let ends = ends.chain([flight.last_tick + 1]);
+    let faults = flight.faults.iter().zip(ends);
+    let each = outcome.figures.recovery_s.iter().zip(faults);
+    each.map(|(time_s, (fault, end))| match time_s {
         Some(0.0) => "never above".into(),
         Some(time_s) => format!("after {time_s:.3} s"),
-        None if i + 1 == recovery_s.len() => "not recovered within the flight".into(),
+        None if is_too_short(end.saturating_sub(fault.tick), flight.period_s) => {
+            "too short to tell".into()
+        }
+        None if end > flight.last_tick => "not recovered within the flight".into(),
         None => "not recovered before the next".into(),
     })
 }

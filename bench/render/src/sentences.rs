@@ -484,7 +484,10 @@ pub fn firmware(section: &FirmwareSection) -> String {
     let mut parts = Vec::new();
     if let Some(ended_s) = section.ended_at_s {
         let status = section.exit_status;
-        let status = status.map_or(String::new(), |it| format!(", exit status {it}"));
+        let status = status.map_or(String::new(), |it| match it {
+            129.. => format!(", killed by signal {}", it - 128),
+            _ => format!(", exit status {it}"),
+        });
         parts.push(format!("ended at {ended_s:.3} s{status}"));
     }
     if let Some(disarmed_s) = section.disarmed_at_s {

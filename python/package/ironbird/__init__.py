@@ -150,8 +150,15 @@ def compare(**flags: Flag) -> Table:
             expect(run("compare", csv=rows, **flags), 0, 3)
             with open(rows, newline="", encoding="utf-8") as file:
                 return Table([{name: text if name == "outputs" else _number(text) for name, text in row.items()} for row in csv.DictReader(file)])
-    document = json.loads(expect(run("compare", **flags, format="json"), 0, 3))
+    document = _document("compare", flags, 0, 3)
     return Table([flat(row["laws"] | {name: row[name] for name in row if name != "laws"}) for row in document["outcomes"]], document)
+
+
+def _document(name: str, flags: Mapping[str, Flag], *codes: int) -> dict[str, Any]:
+    if "format" in flags:
+        raise TypeError(f"format: {name}() reads the command's JSON and returns a table: leave it out")
+    document: dict[str, Any] = json.loads(expect(run(name, **flags, format="json"), *codes))
+    return document
 
 
 def margin(**flags: Flag) -> Table:
@@ -164,7 +171,7 @@ def margin(**flags: Flag) -> Table:
     Raises:
         SettingsError, CommandError, FileNotFoundError: as `fly`.
     """
-    document = json.loads(expect(run("margin", **flags, format="json"), 0))
+    document = _document("margin", flags, 0)
     rows = []
     for law in document["laws"]:
         for search in law["searches"]:

@@ -6,7 +6,7 @@ use std::time::Duration;
 use mavlink::dialects::common::{MavMessage, MavSeverity, STATUSTEXT_DATA};
 
 /// How often deadline misses, and refusals of the same kind, are reported.
-pub const REPORT_EVERY: Duration = Duration::from_secs(1);
+const REPORT_EVERY: Duration = Duration::from_secs(1);
 /// Refusals of different kinds in that time.
 const REFUSALS: usize = 20;
 /// Messages that wait to be sent. What is requested beyond them is left out, as if it had been lost on the way.

@@ -22,7 +22,7 @@ use plant::guidance::PATIENCE_S;
 
 use super::failures::{Failure, Refused, denied};
 use super::offboard::{Command, Mode, of_command, of_setpoint};
-use super::outbox::{Outbox, REPORT_EVERY};
+use super::outbox::Outbox;
 use super::parameters::{index_of, meant, parameter_of, value_of};
 use super::telemetry::{available_modes, message, streams};
 use crate::watch::dashboard_model::{Judged, Model, WatchedFlight};
@@ -35,6 +35,8 @@ pub const COMPONENT: u8 = 1;
 const SHORTEST: Duration = Duration::from_millis(20);
 /// How often to look for events.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// How often to report missed deadlines at most: SYS_STATUS counts them all.
+const MISSES_EVERY: Duration = Duration::from_secs(10);
 /// Handovers in one look, the newest ones.
 const HANDOVERS: usize = 3;
 /// Requests whose answers are pending.
@@ -212,7 +214,7 @@ impl Vehicle {
         }
         let missed = flight.run.deadlines_missed;
         if missed > self.missed && (self.now >= self.next_misses || ends) {
-            self.next_misses = self.now + REPORT_EVERY;
+            self.next_misses = self.now + MISSES_EVERY;
             let new = count(missed - self.missed, "missed deadline");
             self.missed = missed;
             let text = format!("{new}, {missed} in all");
