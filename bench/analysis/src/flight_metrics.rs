@@ -8,7 +8,7 @@ use crate::recovery::{Recoveries, RecoveryBounds};
 use crate::schema::ControlPerformance;
 use crate::tracer::{Merge as _, Range, Stretches};
 use crate::tracking::{POSITION, StateErrors, Tracking, TrackingStatistics, YAW};
-use crate::verdicts::TrackingLimits;
+use crate::verdicts::FlightLimits;
 use messages::content::{ROTORS, RotorSpeeds, State};
 use messages::math;
 use messages::parameters::Airframe;
@@ -81,13 +81,13 @@ pub struct ComparedFlight {
     error_m: Vec<f64>,
     yaw_error_rad: Vec<f64>,
     trace: Stretches<Range>,
-    limits: TrackingLimits,
+    limits: FlightLimits,
     /// Tick in which it was below ground, or left its envelope.
     pub lost: Option<u64>,
 }
 
 impl ComparedFlight {
-    pub fn new(tracking: Tracking, airframe: &Airframe, limits: TrackingLimits) -> Self {
+    pub fn new(tracking: Tracking, airframe: &Airframe, limits: FlightLimits) -> Self {
         Self {
             limits,
             lost: None,
@@ -219,7 +219,7 @@ mod tests {
     /// A flight as of [`flown`] whose heading is off by an angle [rad] at every tick.
     fn turned(errors_m: &[f64], yaw_rad: f64) -> ComparedFlight {
         let (tracking, airframe) = (Tracking::of(Trajectory::Hover, 0.1), Airframe::nominal());
-        let limits = TrackingLimits {
+        let limits = FlightLimits {
             error_max_m: 0.1,
             yaw_error_max_rad: 0.1,
             ground_z_m: -10.0,

@@ -10,17 +10,14 @@ use crate::schema::{
 };
 use crate::series::Series;
 use crate::theorem::Theorem;
-use crate::verdicts::{TrackingLimits, beyond, stability_verdict};
+use crate::verdicts::{FlightLimits, departure, stability_verdict};
 use flight_log::writer::Fate;
 use messages::blackboards::EndReason;
 use messages::role::{Role, STAGES};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RequestedGates {
-    /// Distance from the reference beyond which a flight ends [m].
-    pub position_error_max_m: f64,
-    /// Height below which the airframe has hit the ground [m].
-    pub ground_z_m: f64,
+    pub limits: FlightLimits,
     /// Angle between body z and the vertical beyond which a flight ends [rad].
     pub tilt_max_rad: f64,
     /// Ticks without a fresh command on time, per million at the most.
@@ -57,7 +54,7 @@ pub enum TheoremGate {
 
 const ENVELOPE: &str = "flight envelope";
 
-/// What a gate judges: its name with the unit, and its number, or why nothing was measured.
+/// A quantity that a gate judges: its name with the unit, and its number, or why nothing was measured.
 pub struct Measured {
     pub name: String,
     pub value: Result<Number, String>,
@@ -67,7 +64,7 @@ pub struct Number {
     pub value: f64,
     /// Digits after the point, at least.
     pub digits: usize,
-    /// What follows it.
+    /// Words after it, with a blank before them.
     pub note: String,
 }
 
@@ -82,13 +79,8 @@ impl Number {
 }
 
 /// Judges a flight by its numbers: the gates, the status and the three verdicts. It still flies without an ending.
-pub fn judge(
-    report: &mut Report,
-    ending: Option<EndReason>,
-    requested: &RequestedGates,
-    limits: &TrackingLimits,
-) {
-    report.words = Verdicts::of(report, ending, limits);
+pub fn judge(report: &mut Report, ending: Option<EndReason>, requested: &RequestedGates) {
+    report.words = Verdicts::of(report, ending, &requested.limits);
     let result = AcceptanceResult::of(gates(report, ending, requested));
     let status = match ending {
         None => FlightStatus::Flying,
@@ -177,28 +169,16 @@ fn unless_lost(lost: u64, gate: Gate) -> Gate {
 }
 
 fn envelope(report: &Report, ending: Option<EndReason>, requested: &RequestedGates) -> Gate {
-    let lowest_z_m = report.flight.lowest_z_m;
-    let has_left = ending.is_some_and(EndReason::left_envelope);
-    let has_hit = lowest_z_m < requested.ground_z_m;
-    let error_max_m = requested.position_error_max_m;
-    let is_beyond = report.flight.position_error_max_m > error_max_m;
-    let value = if has_left {
-        envelope_words(ending).into()
-    } else if has_hit {
-        format!("below ground: down to z = {lowest_z_m:.2} m")
-    } else if is_beyond {
-        beyond(&report.flight, error_max_m)
-    } else {
-        envelope_words(ending).into()
-    };
-    Gate::envelope(requested, value, !has_left && !has_hit && !is_beyond)
+    let departure = departure(&report.flight, ending, &requested.limits);
+    let held = departure.is_none();
+    let value = departure.unwrap_or_else(|| envelope_words(ending).into());
+    Gate::envelope(requested, value, held)
 }
 
-/// What is known of the envelope, by how the flight ended; none while it flies.
+/// Until when a flight is known to have stayed in its envelope, by how it ended; it still flies without an ending.
 const fn envelope_words(ending: Option<EndReason>) -> &'static str {
     match ending {
         None => "not left so far",
-        Some(ending) if ending.left_envelope() => ending.name(),
         Some(EndReason::Completed) => "not left",
         Some(_) => "not left until the end of the record",
     }
@@ -337,7 +317,8 @@ impl Gate {
     }
 
     fn envelope(requested: &RequestedGates, value: String, held: bool) -> Self {
-        let (error_max_m, ground_z_m) = (requested.position_error_max_m, requested.ground_z_m);
+        let limits = &requested.limits;
+        let (error_max_m, ground_z_m) = (limits.position_error_max_m, limits.ground_z_m);
         let tilt_max_deg = requested.tilt_max_rad.to_degrees();
         Self {
             name: ENVELOPE.into(),
@@ -476,8 +457,12 @@ mod tests {
     use crate::sample::{good, not_fresh};
 
     const REQUESTED: RequestedGates = RequestedGates {
-        position_error_max_m: 10.0,
-        ground_z_m: -0.25,
+        limits: FlightLimits {
+            error_max_m: 0.1,
+            yaw_error_max_rad: 0.1,
+            ground_z_m: -0.25,
+            position_error_max_m: 10.0,
+        },
         tilt_max_rad: std::f64::consts::PI,
         max_miss_rate_ppm: Some(0.0),
         max_skip_rate_ppm: Some(0.0),
@@ -537,7 +522,7 @@ mod tests {
     fn each_gate_breaks_by_its_own_number_alone() {
         let check = |change: Change, failed: &str| assert_eq!(broken(change).join("; "), failed);
         check(|_| (), "");
-        let low = "flight envelope: below ground: down to z = -0.26 m";
+        let low = "flight envelope: below ground: down to z = -0.26 m, the ground is at -0.25 m";
         check(|it| it.flight.lowest_z_m = -0.26, low);
         let far =
             "flight envelope: left its envelope: position error up to 10.001 m, allowed are 10 m";

@@ -15,7 +15,6 @@ use messages::monitor::Monitor;
 use messages::role::Role;
 use messages::telemetry::{LAW_ROLES, Telemetry};
 use std::collections::BTreeMap;
-use std::fmt;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
@@ -123,11 +122,7 @@ impl StatesWriter {
         let cell = |value| known(value).map_or_else(String::new, |value| format!("{value:?}"));
         let row = row(joined, &self.tracking, &self.laws).into_iter();
         let written = self.csv.write_record(row.map(cell));
-        written.map_err(|e| self.failed(&e))
-    }
-
-    fn failed(&self, e: &dyn fmt::Display) -> Failure {
-        Failure::failed(format!("cannot write {}: {e}", self.path.display()))
+        written.in_file("write", &self.path)
     }
 
     pub fn path(&self) -> &Path {
@@ -136,7 +131,7 @@ impl StatesWriter {
 
     pub fn flush(&mut self) -> Result<(), Failure> {
         let flushed = self.csv.flush();
-        flushed.map_err(|e| self.failed(&e))?;
+        flushed.in_file("write", &self.path)?;
         if let Some(queue) = &self.queue {
             queue.settle_or_drop();
         }

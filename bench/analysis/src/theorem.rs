@@ -100,9 +100,7 @@ impl Theorem {
     pub fn counts(&self) -> String {
         let ticks = count(self.ticks, "tick");
         let mut counts = format!("V_th judged in {} of {ticks}", self.ticks_judged);
-        let unjudged = self.unjudged.iter();
-        let unjudged = unjudged.map(|(cause, ticks)| format!("{cause} in {ticks}"));
-        let unjudged: Vec<String> = unjudged.collect();
+        let unjudged = listed(&self.unjudged);
         if !unjudged.is_empty() {
             counts += &format!(" ({})", unjudged.join(", "));
         }
@@ -241,10 +239,7 @@ impl Torque {
         if self.rotors == 0 {
             return "no torque was compared with (19)".into();
         }
-        let causes = self.rotors_wrong.iter().filter(|(_, ticks)| **ticks > 0);
-        let mut causes: Vec<String> = causes
-            .map(|(cause, ticks)| format!("{cause} in {ticks}"))
-            .collect();
+        let mut causes = listed(&self.rotors_wrong);
         let unknown = ticks.saturating_sub(self.rotors);
         if unknown > FIRST_TICKS {
             causes.push(format!("not compared in {unknown} more"));
@@ -362,7 +357,7 @@ pub struct TheoremStatistics {
     unwatched: u64,
     innovation: Innovation,
     rate_error_rad_s: f64,
-    /// Where the monitor itself is at hand.
+    /// From the monitor itself: its messages average from 0 on, which is too little in the first second.
     rate_error_rms_rad_s: Option<f64>,
     /// The inner law, where it has no theorem.
     law_without: Option<&'static str>,
@@ -451,14 +446,12 @@ impl TheoremStatistics {
             Theorem::of(&all, truth, self.error_allowed, self.broken)
         });
         let law_without = self.law_without.filter(|_| section.is_none());
-        let unjudged = Cause::ALL.into_iter().zip(self.unjudged);
-        let unjudged = unjudged.filter(|(_, ticks)| *ticks > 0);
+        let mut unjudged = by_cause(&self.unjudged);
+        unjudged.retain(|_, ticks| *ticks > 0);
         let section = section.unwrap_or_default();
         let rms = self.rate_error_rms_rad_s;
         Theorem {
-            unjudged: unjudged
-                .map(|(cause, ticks)| (cause.name().to_owned(), ticks))
-                .collect(),
+            unjudged,
             rate_error_rms_rad_s: rms.unwrap_or(section.rate_error_rms_rad_s),
             law_without: law_without.map(str::to_owned),
             ticks: self.ticks,
@@ -569,6 +562,13 @@ impl Theorem {
             ..Self::default()
         }
     }
+}
+
+/// Causes with their ticks, those that have any.
+fn listed(ticks: &BTreeMap<String, u64>) -> Vec<String> {
+    let causes = ticks.iter().filter(|(_, ticks)| **ticks > 0);
+    let words = causes.map(|(cause, ticks)| format!("{cause} in {ticks}"));
+    words.collect()
 }
 
 fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {

@@ -11,10 +11,9 @@ use crate::schema::{
 };
 use crate::theorem::Theorem;
 use messages::blackboards::EndReason;
-use serde::{Deserialize, Serialize};
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TrackingLimits {
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FlightLimits {
     /// Largest position error that is allowed in the last [`crate::tracking::RECENT_S`] [m].
     pub error_max_m: f64,
     /// Largest yaw error that is allowed then [rad].
@@ -27,7 +26,7 @@ pub struct TrackingLimits {
 
 impl Verdicts {
     /// The verdicts on a flight that ended so; nothing while it flies.
-    pub fn of(report: &Report, ending: Option<EndReason>, limits: &TrackingLimits) -> Self {
+    pub fn of(report: &Report, ending: Option<EndReason>, limits: &FlightLimits) -> Self {
         let (run, ticks, theorem) = (&report.run, &report.ticks, &report.theorem);
         let not_fresh = report.deadlines.not_fresh.unwrap_or_default();
         let mut verdicts = Self {
@@ -39,7 +38,7 @@ impl Verdicts {
         verdicts
     }
 
-    /// Considers how the flight ended after its ticks and this time [s].
+    /// Takes how the flight ended after its ticks and this time [s].
     pub fn end(&mut self, ending: Option<EndReason>, ticks: &Ticks, flown_s: f64) {
         match ending {
             Some(EndReason::Interrupted) => self.cut_short("interrupted", "", ticks, flown_s),
@@ -69,37 +68,48 @@ impl Verdicts {
     }
 }
 
-/// How far beyond this limit [m] a flight left its envelope.
-pub fn beyond(performance: &ControlPerformance, limit_m: f64) -> String {
-    let error = beside(performance.position_error_max_m, limit_m, 2);
+/// The position error [m] with which a flight left its envelope, in words.
+pub fn beyond(error_max_m: f64, limit_m: f64) -> String {
+    let error = beside(error_max_m, limit_m, 2);
     format!("left its envelope: position error up to {error} m, allowed are {limit_m} m")
+}
+
+/// How a flight that ended so left its envelope; none if it stayed inside. The plant ends a flight for its position error
+/// only in ticks with a setpoint, so the largest error is judged here.
+pub fn departure(
+    performance: &ControlPerformance,
+    ending: Option<EndReason>,
+    limits: &FlightLimits,
+) -> Option<String> {
+    let (lowest, ground) = (performance.lowest_z_m, limits.ground_z_m);
+    let (error_m, limit_m) = (
+        performance.position_error_max_m,
+        limits.position_error_max_m,
+    );
+    if let Some(ending) = ending.filter(|ending| ending.left_envelope()) {
+        let ending = ending.name();
+        Some(format!("{ending}; position error up to {error_m:.2} m"))
+    } else if lowest < ground {
+        let at = performance.lowest_at_s;
+        let at = at.map_or(String::new(), |at_s| format!(" at {at_s:.3} s"));
+        Some(format!(
+            "below ground: down to z = {lowest:.2} m{at}, the ground is at {ground} m"
+        ))
+    } else {
+        (error_m > limit_m).then(|| beyond(error_m, limit_m))
+    }
 }
 
 /// Whether a flight follows its reference; it still flies without an ending.
 pub fn flight_verdict(
     performance: &ControlPerformance,
     ending: Option<EndReason>,
-    limits: &TrackingLimits,
+    limits: &FlightLimits,
 ) -> Explained<FlightVerdict> {
-    let (lowest, ground) = (performance.lowest_z_m, limits.ground_z_m);
     let (word, why) = if performance.states == 0 {
         (FlightVerdict::NotSeen, "no state was seen".into())
-    } else if let Some(ending) = ending.filter(|ending| ending.left_envelope()) {
-        let (ending, error) = (ending.name(), performance.position_error_max_m);
-        let why = format!("{ending}; position error up to {error:.2} m");
+    } else if let Some(why) = departure(performance, ending, limits) {
         (FlightVerdict::Lost, why)
-    } else if lowest < ground {
-        let at = performance.lowest_at_s;
-        let at = at.map_or(String::new(), |at_s| format!(" at {at_s:.3} s"));
-        let why =
-            format!("below ground: down to z = {lowest:.2} m{at}, the ground is at {ground} m");
-        (FlightVerdict::Lost, why)
-    } else if performance.position_error_max_m > limits.position_error_max_m {
-        // The plant ends a flight for this only in ticks with a setpoint.
-        (
-            FlightVerdict::Lost,
-            beyond(performance, limits.position_error_max_m),
-        )
     } else {
         let limits = [limits.error_max_m, limits.yaw_error_max_rad];
         let errors = performance.errors().into_iter().zip(limits);
@@ -201,7 +211,7 @@ mod tests {
     use crate::sample::{good, not_fresh};
     use crate::theorem::Torque;
 
-    const LIMITS: TrackingLimits = TrackingLimits {
+    const LIMITS: FlightLimits = FlightLimits {
         error_max_m: 0.1,
         yaw_error_max_rad: 0.2,
         ground_z_m: -0.25,
@@ -301,7 +311,7 @@ mod tests {
         for (error_m, yaw_rad, expected) in [
             (0.1, 0.3, "yaw error up to 0.3000 rad (limit 0.2 rad)"),
             (0.3, 0.1, "position error up to 0.3000 m (limit 0.1 m)"),
-            // As many digits as show that it is too large.
+            // The value has as many digits as show that it is too large.
             (
                 0.100_003,
                 0.1,

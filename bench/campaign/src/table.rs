@@ -27,7 +27,7 @@ pub const TELEMETRY: &str = "telemetry.";
 pub enum Kind {
     Number,
     Integer,
-    /// In a cell it stands as an integer with the same bits.
+    /// Its cells are integers with the same bits.
     Unsigned,
     Flag,
     Text,

@@ -274,7 +274,7 @@ fn fly_all(plans: &[Plan], is_drawn: bool) -> Result<Vec<Comparison>, Failure> {
 
 fn fly(flight: &Flight, settings: &Settings, is_drawn: bool) -> Result<Outcome, Failure> {
     let tracking = Tracking::along(settings.course()?, flight.period_s);
-    let limits = settings.tracking_limits();
+    let limits = settings.flight_limits();
     let mut metrics = ComparedFlight::new(tracking, &settings.airframe()?, limits);
     let mut tracer = Tracer::new(tracking);
     tracer.set_laws(settings.flown_laws()?);

@@ -375,8 +375,9 @@ impl Layers<'_> {
             _ => None,
         };
         let keys = table(settings, "airframe").map_or(0, Table::len);
-        let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == keys);
-        if let (Some(named), Some(_), false) = (&flag, &kept, is_whole) {
+        if let (Some(named), Some(kept)) = (&flag, &kept)
+            && kept.len() != keys
+        {
             let place = self.place();
             return Err(Failure::usage(format!(
                 "--airframe {named} and a section [airframe]{place}: only one of them can say what is flown"
@@ -384,7 +385,7 @@ impl Layers<'_> {
             .help("write the values into a copy of the airframe's file, or change the plant alone ([plant])"));
         }
         let kept = kept.filter(|_| flag.is_none());
-        let is_whole = is_whole && kept.is_some();
+        let is_whole = kept.as_ref().is_some_and(|kept| kept.len() == keys);
         let name = flag.as_deref().or(self.given_text("airframe"));
         let name = name.filter(|_| !is_whole).unwrap_or(PAPER);
         let mut design = match name {

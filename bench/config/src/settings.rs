@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 use analysis::gates::{RequestedGates, TheoremGate};
-use analysis::verdicts::TrackingLimits;
+use analysis::verdicts::FlightLimits;
 use controller::trajectory::UnknownTrajectory;
 use controller::{ScaledTrajectory, Trajectory};
 use errors::Failure;
@@ -430,9 +430,9 @@ impl Settings {
         flight::conditions(self.trajectory_name(), &self.flight.preset, &airframe)
     }
 
-    /// When the flight counts as tracked.
-    pub const fn tracking_limits(&self) -> TrackingLimits {
-        TrackingLimits {
+    /// Limits by which the flight counts as tracked, off track or lost.
+    pub const fn flight_limits(&self) -> FlightLimits {
+        FlightLimits {
             error_max_m: self.flight.tracking_error_max_m,
             yaw_error_max_rad: self.flight.tracking_yaw_error_max_rad,
             ground_z_m: self.flight.ground_z_m,
@@ -474,8 +474,7 @@ impl Settings {
         // A flight that points elsewhere has not tracked.
         let implied = max_tracking_error_m.map(|_| self.flight.tracking_yaw_error_max_rad);
         RequestedGates {
-            position_error_max_m: self.flight.position_error_max_m,
-            ground_z_m: self.flight.ground_z_m,
+            limits: self.flight_limits(),
             tilt_max_rad: self.flight.tilt_max_rad,
             max_miss_rate_ppm: limit(recorder.max_miss_rate_ppm),
             max_skip_rate_ppm: limit(recorder.max_skip_rate_ppm),

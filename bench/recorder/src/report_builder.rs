@@ -138,8 +138,7 @@ impl<'a> ReportBuilder<'a> {
             loss: None,
             traces: ending.map(|_| statistics.tracer.traces()),
         };
-        let (gates, limits) = (settings.requested_gates(), settings.tracking_limits());
-        judge(&mut report, ending, &gates, &limits);
+        judge(&mut report, ending, &settings.requested_gates());
         Ok(report)
     }
 

@@ -565,6 +565,25 @@ mod tests {
     }
 
     #[test]
+    fn a_firmware_that_ended_has_its_status_or_its_signal() {
+        for (status, expected) in [
+            (Some(1), "ended at 2.500 s, exit status 1"),
+            (Some(137), "ended at 2.500 s, killed by signal 9"),
+            (None, "ended at 2.500 s"),
+        ] {
+            let section = FirmwareSection {
+                ended_at_s: Some(2.5),
+                exit_status: status,
+                ..FirmwareSection::default()
+            };
+            let sentence = firmware(&section);
+            assert!(sentence.contains(expected), "{sentence}");
+            let has_more = sentence.contains(&format!("{expected},"));
+            assert!(!has_more, "{sentence}");
+        }
+    }
+
+    #[test]
     fn the_margin_names_the_nearest_stage_and_what_is_not_known() {
         let tolerated = |(stage, ticks): (&str, u64)| {
             let is_most = ticks >= 2000;

@@ -95,7 +95,7 @@ pub fn report(
     if timing.is_some() || !settings.planned()?.has_no_loop_faults() {
         lines.push(outages(&rig));
     }
-    let verdict = flight_verdict(&performance, None, &settings.tracking_limits());
+    let verdict = flight_verdict(&performance, None, &settings.flight_limits());
     let (word, why) = match &flown.departure {
         Some(how) => (FlightVerdict::Lost, how),
         None => (verdict.word, &verdict.why),

@@ -113,20 +113,21 @@ impl Simulator {
             ));
         }
         let planned = settings.planned()?;
-        for fault in &planned.acts {
-            const ONE_CHANNEL: &str = "a simulation flies one channel";
-            let kind = fault.kind.spec().name;
-            let (what, why) = match fault.kind.target {
-                Target::Processor(_) => (
-                    format!("cpu.{kind}"),
-                    "ticks of a simulation need no processor",
-                ),
-                Target::Stage(_, role, Some(channel)) => {
-                    (format!("{}.{role}.{kind}", channel.name()), ONE_CHANNEL)
-                }
-                Target::Channel(_, channel) => (format!("{}.{kind}", channel.name()), ONE_CHANNEL),
-                _ => continue,
+        let faults = settings.typed_faults();
+        let faults = faults.map_err(|e| Failure::usage(format!("fault: {e}")))?;
+        for change in faults.iter().flat_map(|fault| &fault.changes) {
+            let kinds = change.kinds();
+            let why = if kinds
+                .iter()
+                .any(|(kind, _)| matches!(kind.target, Target::Processor(_)))
+            {
+                "ticks of a simulation need no processor"
+            } else if kinds.iter().any(|(kind, _)| kind.channel().is_some()) {
+                "a simulation flies one channel"
+            } else {
+                continue;
             };
+            let what = change.what();
             return Err(Failure::usage(format!(
                 "fault: {what}: {why}: leave it out, or fly it with `ironbird fly`"
             )));

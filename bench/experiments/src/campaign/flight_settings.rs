@@ -276,7 +276,7 @@ pub fn open_directory(plan: &Plan, directory: &Path) -> Result<(), Failure> {
 
 fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     fs::create_dir_all(directory).in_file("make the directory", directory)?;
-    // Until this returns, another campaign that was started at once waits; where the file system has no locks, it does not.
+    // Another campaign that starts in this directory waits until this function returns, if the file system has locks.
     let lock = File::open(directory).in_file("open", directory)?;
     let _ = lock.lock();
     let (file, facts) = (directory.join(FILE), directory.join(FACTS));

@@ -100,7 +100,6 @@ pub struct Vehicle {
     /// Events of it that have been reported.
     reported: HashSet<(u64, String)>,
     missed: u64,
-    was_lost: bool,
     has_ended: bool,
     /// System and component of the sender that is answered.
     peer: [u8; 2],
@@ -183,7 +182,7 @@ impl Vehicle {
 
     fn join(&mut self, flight: &WatchedFlight) {
         self.run_id = flight.run.run_id;
-        (self.has_ended, self.was_lost) = (false, false);
+        self.has_ended = false;
         (self.offboard_since, self.next_target) = (None, None);
         self.missed = flight.run.deadlines_missed;
         self.begun.clear();
@@ -208,7 +207,7 @@ impl Vehicle {
         }
         let flown = flight.verdicts().0.flight;
         let is_lost = flight.ending.is_none() && flown.word == FlightVerdict::Lost;
-        if is_lost && !std::mem::replace(&mut self.was_lost, is_lost) {
+        if is_lost && self.reported.insert((0, "lost".into())) {
             let text = format!("the flight is lost: {}", flown.why);
             self.outbox.say(MavSeverity::MAV_SEVERITY_CRITICAL, &text);
         }
@@ -234,7 +233,6 @@ impl Vehicle {
         let text =
             format!("the flight has ended: {ending}; {tracked}, {timing}, theorem {theorem}");
         self.outbox.say(severity, &text);
-        // The last ones of this flight.
         for id in [
             HEARTBEAT_DATA::ID,
             EXTENDED_SYS_STATE_DATA::ID,

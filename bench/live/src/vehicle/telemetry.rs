@@ -5,7 +5,7 @@ use std::time::Duration;
 use mavlink::MessageData as _;
 use mavlink::dialects::common::*;
 use messages::blackboards::EndReason;
-use messages::content::{ROTORS, State};
+use messages::content::ROTORS;
 use messages::parameters::Parameter;
 
 use super::offboard::{Mode, lowest_m};
@@ -139,11 +139,13 @@ fn system_time(flight: &WatchedFlight, _: u32) -> Option<MavMessage> {
 }
 
 fn extended_sys_state(flight: &WatchedFlight, _: u32) -> Option<MavMessage> {
-    let is_low = |it: State| it.truth.position_w_m[2] <= lowest_m(flight) + LANDED_M;
-    let touches = flight.state.is_some_and(is_low);
+    let highest_m = lowest_m(flight) + LANDED_M;
+    let stands = flight
+        .state
+        .is_some_and(|it| it.truth.position_w_m[2] <= highest_m);
     Some(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
         vtol_state: MavVtolState::MAV_VTOL_STATE_UNDEFINED,
-        landed_state: match flight.ending.is_some() || touches {
+        landed_state: match flight.ending.is_some() || stands {
             true => MavLandedState::MAV_LANDED_STATE_ON_GROUND,
             false => MavLandedState::MAV_LANDED_STATE_IN_AIR,
         },

@@ -739,6 +739,29 @@ fn events_misses_and_the_end_are_reported_once() {
 }
 
 #[test]
+fn the_loss_of_a_flight_is_reported_once_and_its_end_with_its_last_state() {
+    let mut it = Conversation::new("lissajous", false);
+    for (step, height_m) in (1..).zip([0.0, -1.0, -2.0]) {
+        let mut state = it.flight().state.unwrap();
+        state.truth.position_w_m[2] = height_m;
+        let state = message(1500 + step, state);
+        it.flight().take(&LogEntry::State(state));
+        it.later(1000 * step);
+    }
+    let said = "MAV_SEVERITY_CRITICAL: the flight is lost: below ground: down to z = -1.00 m";
+    assert_eq!(it.text.matches("is lost").count(), 1, "{}", it.text);
+    assert!(it.text.contains(said), "{}", it.text);
+    it.flight().ending = Some(EndReason::Completed);
+    // Nothing of the streams is due.
+    it.vehicle
+        .update(&it.model, NOW + Duration::from_millis(3001));
+    let sent = take(&mut it.vehicle.outbox.messages);
+    let sent: Vec<&str> = sent.iter().map(MavMessage::message_name).collect();
+    let last = ["HEARTBEAT", "EXTENDED_SYS_STATE", "SYS_STATUS"];
+    assert!(sent.ends_with(&last), "{sent:?}");
+}
+
+#[test]
 fn long_texts_come_in_parts_of_which_the_last_is_not_full() {
     let mut it = Conversation::new("lissajous", true);
     for length in [1, 49, 50, 51, 99, 100, 101, 250] {

@@ -606,7 +606,7 @@ impl WatchedFlight {
             ticks_unwatched: unwatched,
             ..seen
         };
-        let limits = self.settings.tracking_limits();
+        let limits = self.settings.flight_limits();
         let speed = Speed::of(run.period_ns, run.sample_time_ns);
         let mut verdicts = Verdicts {
             flight: flight_verdict(&statistics.flight(), self.ending, &limits),

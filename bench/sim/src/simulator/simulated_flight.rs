@@ -8,8 +8,8 @@ use crate::recorded_timing::{Event, Source, Timing};
 use crate::simulator::Simulator;
 use crate::simulator::timed::Timed;
 use analysis::faults::AppliedSwap;
-use analysis::phrase::beside;
 use analysis::tracking::Tracking;
+use analysis::verdicts::beyond;
 use config::Settings;
 use errors::Failure;
 
@@ -243,10 +243,8 @@ impl Judge {
                 "the flight was below ground: down to z = {lowest_z_m:.2} m, the ground is at {ground_z_m} m"
             ));
         } else if self.flown.departure.is_none() && error_max_m > allowed_m {
-            let error = beside(error_max_m, allowed_m, 2);
-            self.flown.departure = Some(format!(
-                "the flight left its envelope: position error up to {error} m, allowed are {allowed_m} m"
-            ));
+            let how = beyond(error_max_m, allowed_m);
+            self.flown.departure = Some(format!("the flight {how}"));
         }
         self.flown
     }
