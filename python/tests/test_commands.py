@@ -1,6 +1,7 @@
 """`fly`, `compare`, `margin`, `campaign`: the executable's results as objects, its errors as exceptions."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -30,6 +31,8 @@ def test_a_flight_is_the_simulated_one_with_its_report(rig):
 
 
 def test_a_flag_whose_value_is_a_truth_has_it(rig):
+    flags = subprocess.run([command.executable(), "fly", "--help"], capture_output=True, text=True).stdout
+    assert set(re.findall(r"--(\S+) <BOOL>", flags)) == command.BOOLEANS
     assert ironbird.fly(trajectory="hover", duration="50ms", rehearse=False).settings["rt"]["rehearse"] is False
 
 
