@@ -87,8 +87,8 @@ pub fn departure(
         limits.position_error_max_m,
     );
     if let Some(ending) = ending.filter(|ending| ending.left_envelope()) {
-        let ending = ending.name();
-        Some(format!("{ending}; position error up to {error_m:.2} m"))
+        let (ending, error) = (ending.name(), beside(error_m, limit_m, 2));
+        Some(format!("{ending}; position error up to {error} m"))
     } else if lowest < ground {
         let at = performance.lowest_at_s;
         let at = at.map_or(String::new(), |at_s| format!(" at {at_s:.3} s"));
