@@ -33,7 +33,7 @@ pub const DEEP: usize = 3500;
 /// How long the recorder may be absent at any rate without losing a message [ns].
 const ABSENCE_NS: u64 = 1_000_000_000;
 /// Shared memory of the services themselves, the blackboards, events and requests [bytes].
-const EVERYTHING_ELSE: u64 = 7 << 19;
+const EVERYTHING_ELSE: u64 = 9 << 19;
 const EVERYTHING_ELSE_OF_A_CHANNEL: u64 = 1 << 20;
 /// Processes that may observe an instance at the same time.
 pub const OBSERVERS: usize = 4;
