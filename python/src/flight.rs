@@ -191,7 +191,8 @@ pub(crate) fn facts<'py>(
     let mut faults = Vec::new();
     for swap in swaps {
         for change in &swap.changes {
-            faults.push((swap.tick, swap.time_s, &change.name, change.old, change.new));
+            let (name, old, new) = (&change.name, change.old, change.new);
+            faults.push((swap.tick, swap.time_s, name, old, new, change.over_s));
         }
     }
     facts.set_item("faults", faults)?;

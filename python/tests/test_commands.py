@@ -132,9 +132,10 @@ def test_a_comparison_has_a_row_per_case(rig):
     assert table.column("inner") == ["adaptive", "indi"] and all(row["error.rms_m"] < 0.01 for row in table)
     assert table.document["flight"]["trajectory"] == "lissajous"
     assert table.column("outputs")[0] == ironbird.simulate(duration_s=1).fingerprint
-    Path("cases.toml").write_text('[[row]]\nname = "drag"\nfaults = ["rotational_drag_nm_s=+200%@500ms"]\n')
+    Path("cases.toml").write_text('[[row]]\nname = "010"\nfaults = ["rotational_drag_nm_s=+200%@500ms"]\n')
     cases = ironbird.compare(table="cases.toml", inner=["adaptive", "indi"], duration="1s")
-    assert [(row["case"], row["inner"]) for row in cases] == [("drag", "adaptive"), ("drag", "indi")]
+    assert [(row["case"], row["inner"]) for row in cases] == [("010", "adaptive"), ("010", "indi")]
+    assert [type(value) for value in (cases[0]["seed"], cases[0]["fault_s"], cases[0]["lost_s"])] == [int, float, type(None)]
 
 
 def test_margins_have_their_limits(rig):

@@ -63,6 +63,7 @@ def test_arrays_have_a_row_per_tick_and_a_unit():
     assert ironbird.simulate("lissajous", 0.5, faults="mass_kg=0.6@200ms").faults[0].parameter == "mass_kg"
     faults = [(fault.tick, fault.t, fault.parameter, fault.old, fault.new) for fault in flight.faults]
     assert faults == [(200, 0.2, "mass_kg", 0.52, 0.6), (200, 0.2, "rotor_efficiency_3", 1.0, 0.9)]
+    assert [(it.t, it.over_s) for it in ironbird.simulate("hover", 0.2, faults="mass_kg=0.6~50ms@100ms").faults] == [(0.1, 0.05)]
     # Before the first command there is no tick of one.
     assert np.isnan(flight.state.command_tick[0]) and flight.state.command_tick[1] == 0
     assert flight.laws == {"outer": "pd", "inner": "adaptive", "mixer": "roll_pitch_first"}

@@ -168,7 +168,8 @@ impl FlightStatistics {
     ///
     /// `shares_processor`: all loops were granted the same one. `leads_ns`: what each channel leaves to the plant's lead.
     pub fn begin_autopsy(&mut self, shares_processor: bool, leads_ns: [u64; MOST_CHANNELS]) {
-        let analysis = |grid| MissAnalysis::new(grid, shares_processor, leads_ns);
+        let period_s = self.tracking.period_s();
+        let analysis = |grid| MissAnalysis::new(grid, period_s, shares_processor, leads_ns);
         self.autopsy = self.grid.map(analysis);
     }
 

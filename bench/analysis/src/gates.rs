@@ -5,15 +5,15 @@
 use crate::phrase::{beside, count};
 use crate::schema::{
     AGITATION, AcceptanceResult, ControlPerformance, Explained, FlightStatus, Gate, NOT_FRESH,
-    QuantityError, RedundancySection, Report, RotorEffort, Speed, StabilityVerdict, TimingVerdict,
-    Verdicts,
+    QuantityError, RedundancySection, Report, RoleSection, RotorEffort, Speed, StabilityVerdict,
+    TimingVerdict, Verdicts,
 };
 use crate::series::Series;
 use crate::theorem::Theorem;
 use crate::verdicts::{FlightLimits, departure, stability_verdict};
 use flight_log::writer::Fate;
 use messages::blackboards::EndReason;
-use messages::role::{Role, STAGES};
+use messages::role::Role;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RequestedGates {
@@ -217,19 +217,21 @@ fn per_million(report: &Report, what: &str, count: u64) -> Measured {
     })
 }
 
-/// Of the stage that has most of them: the plant has no input that could be stale.
+/// Of the stage of all channels that has most of them: the plant has no input that could be stale, nor has the recorder.
 fn stale(report: &Report) -> Measured {
-    let rate = |role: &Role| {
-        let stage = report.roles.get(role.name())?;
+    let rate = |(name, stage): (&String, &RoleSection)| {
         let rate = stage.ticks_stale as f64 * 1e6 / stage.ticks_run as f64;
-        (stage.ticks_run > 0).then_some((rate, *role))
+        let has_input = ![Role::Plant, Role::Record]
+            .map(Role::name)
+            .contains(&name.as_str());
+        (has_input && stage.ticks_run > 0).then(|| (rate, name.clone()))
     };
     on_the_clock(report, "stale ticks per million".into(), || {
-        let rates = STAGES[1..].iter().filter_map(rate);
+        let rates = report.roles.iter().filter_map(rate);
         let worst = rates.max_by(|a, b| a.0.total_cmp(&b.0));
-        let (rate, role) = worst.ok_or("no stage worked a tick")?;
+        let (rate, stage) = worst.ok_or("no stage worked a tick")?;
         Ok(Number {
-            note: format!(" ({role})"),
+            note: format!(" ({stage})"),
             ..Number::new(rate, 1)
         })
     })
@@ -537,11 +539,17 @@ mod tests {
         let stolen = "steal [%]: 0.25 of processor 1";
         check(|it| it.steal.percent = 0.25, stolen);
         let worst = |it: &mut Report| {
-            for (role, stale) in [("outer", 1), ("inner", 3), ("mixer", 2)] {
-                it.roles.get_mut(role).unwrap().ticks_stale = stale;
+            let stage = it.roles["inner"].clone();
+            for (name, ticks_stale) in [("outer", 1), ("b.inner", 3), ("mixer", 2), ("record", 9)] {
+                let stage = stage.clone();
+                let stage = RoleSection {
+                    ticks_stale,
+                    ..stage
+                };
+                it.roles.insert(name.into(), stage);
             }
         };
-        check(worst, "stale ticks per million: 150.0 (inner)");
+        check(worst, "stale ticks per million: 150.0 (b.inner)");
         let whole = "loop p99.9 [us]: 51.1";
         check(|it| it.series[0].p999_us = Some(51.1), whole);
         let wake = "wake.plant p99.9 [us]: 51.1";

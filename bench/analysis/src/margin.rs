@@ -67,6 +67,9 @@ pub struct Bounds {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawMargins {
     pub laws: Laws,
+    /// That of the gains it flew with. Tables of earlier versions have none.
+    #[serde(default)]
+    pub preset: String,
     pub fingerprint: String,
     /// The worst flight without a fault.
     pub unfaulted: Point,

@@ -40,6 +40,7 @@ const SAMPLES_BEYOND_NS: u64 = 200_000_000;
 #[derive(Clone, Debug, Default)]
 pub struct MissAnalysis {
     grid: Grid,
+    period_s: f64,
     leads_ns: [u64; MOST_CHANNELS],
     share_processor: bool,
     traces: BTreeMap<u64, TickTimings>,
@@ -66,10 +67,16 @@ pub struct MissAnalysis {
 }
 
 impl MissAnalysis {
-    /// `leads_ns`: what each channel leaves to the plant's lead in a tick.
-    pub fn new(grid: Grid, share_processor: bool, leads_ns: [u64; MOST_CHANNELS]) -> Self {
+    /// `leads_ns`: what each channel leaves to the plant's lead in a tick. `period_s`: of the flight's own time.
+    pub fn new(
+        grid: Grid,
+        period_s: f64,
+        share_processor: bool,
+        leads_ns: [u64; MOST_CHANNELS],
+    ) -> Self {
         Self {
             grid,
+            period_s,
             leads_ns,
             share_processor,
             ..Self::default()
@@ -286,7 +293,7 @@ impl MissAnalysis {
         });
         OutageCase {
             tick: outage.first,
-            time_s: (begin_ns - self.grid.t0_ns) as f64 / 1e9,
+            time_s: outage.first as f64 * self.period_s,
             ticks: outage.last - outage.first + 1,
             missed: outage.missed,
             delay_us: found.delay.map_or(0.0, |it| it.length_ns() as f64 / 1e3),

@@ -47,7 +47,7 @@ pub struct CauseCount {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OutageCase {
     pub tick: u64,
-    /// Begin of that tick as time of the flight on the clock [s].
+    /// Begin of that tick as time of the flight [s].
     pub time_s: f64,
     pub ticks: u64,
     pub missed: u64,

@@ -22,13 +22,13 @@ pub fn count(number: u64, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }
 
-/// A number with these digits after the point; with as many more as it takes to show whether it is above its limit.
+/// A number with these digits after the point; with as many more as it takes to show on which side of its limit it is.
 pub fn beside(number: f64, limit: f64, digits: usize) -> String {
     const MOST: usize = 17;
     let texts = (digits..MOST).map(|digits| format!("{number:.digits$}"));
     let shows = |text: &String| {
         let shown = text.parse::<f64>();
-        shown.is_ok_and(|shown| (shown > limit) == (number > limit))
+        shown.is_ok_and(|shown: f64| shown.partial_cmp(&limit) == number.partial_cmp(&limit))
     };
     let mut texts = texts.filter(shows);
     texts.next().unwrap_or_else(|| number.to_string())

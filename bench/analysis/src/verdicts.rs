@@ -92,8 +92,9 @@ pub fn departure(
     } else if lowest < ground {
         let at = performance.lowest_at_s;
         let at = at.map_or(String::new(), |at_s| format!(" at {at_s:.3} s"));
+        let lowest = beside(lowest, ground, 2);
         Some(format!(
-            "below ground: down to z = {lowest:.2} m{at}, the ground is at {ground} m"
+            "below ground: down to z = {lowest} m{at}, the ground is at {ground} m"
         ))
     } else {
         (error_m > limit_m).then(|| beyond(error_m, limit_m))

@@ -29,6 +29,8 @@ const GRID: Grid = Grid {
     t0_ns: 50 * TICK_US * US,
     period_ns: TICK_US * US,
 };
+/// A tick of the flight's own time [s]: the clock is slowed ten times.
+const SLOWED_S: f64 = 1e-4;
 /// The first tick whose deadline is missed.
 const MISSED: u64 = 32;
 const TICKS: u64 = 2 * AROUND_TICKS;
@@ -229,11 +231,13 @@ impl Evidence {
         assert_eq!(found, (class, stage.map(Role::name)), "{case:?}");
         let said = &case.evidence;
         assert!(said.contains(evidence), "no `{evidence}` in `{said}`");
+        assert_eq!(case.time_s, case.tick as f64 * SLOWED_S);
     }
 
     /// Feeds an analysis as the recorder does; gives the deadlines missed before the last state, too.
     fn analysed(&self) -> (MissAnalysis, u64) {
-        let mut analysis = MissAnalysis::new(GRID, self.share_processor, [0, 250 * US, 0]);
+        let mut analysis =
+            MissAnalysis::new(GRID, SLOWED_S, self.share_processor, [0, 250 * US, 0]);
         analysis.slices(self.slices.clone());
         self.loss.iter().for_each(|loss| analysis.loss(loss));
         let mut samples = self.samples.iter().peekable();

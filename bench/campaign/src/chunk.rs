@@ -235,7 +235,7 @@ impl Rows {
         self.column(column, |cell| cell.is_some())
     }
 
-    /// A column of words, as their places among the `most` that come first, and these; others are one more.
+    /// A column of words, as their places among the `most` that come first, and these; all others are one more.
     pub fn words(&self, column: &str, most: usize) -> Result<(Vec<u32>, Vec<String>), Failure> {
         let mut words = Vec::<String>::new();
         let mut places = Vec::new();
@@ -247,6 +247,9 @@ impl Rows {
                 words.push(word);
             }
             places.push(place as u32);
+        }
+        if places.contains(&(most as u32)) {
+            words.push("others".into());
         }
         Ok((places, words))
     }

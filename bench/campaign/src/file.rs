@@ -201,22 +201,24 @@ impl Reader {
         }
         let faults = self.faults(given, &mut drawn);
         self.set_strides(&mut drawn);
-        let has_fault =
-            !faults.is_empty() || has_setting("faults") || is_drawn(&drawn, "flight.faults");
-        Campaign {
+        let mut campaign = Campaign {
             name: name.to_owned(),
             flights: self.flights,
             seed: seed.unwrap_or(1),
             chunk: chunk.unwrap_or(CHUNK),
             timing: self.recorded(&own, "campaign.timing", &drawn),
             arms: self.arms(given, arms, &drawn),
-            gates: self.gates(given, has_fault),
+            gates: Gates::default(),
             submission: self.submission(given),
             base,
             factors: drawn,
             faults,
             lines: Lines::default(),
-        }
+        };
+        let mut arms = campaign.arms.iter();
+        let has_fault = arms.any(|arm| campaign.has_faults(arm));
+        campaign.gates = self.gates(given, has_fault);
+        campaign
     }
 
     /// A section that may be missing; a value that is no section is a mistake, and so is a key that is not known.

@@ -12,7 +12,7 @@ use analysis::gates::{Measured, Number};
 use analysis::schema::Gate;
 use analysis::tracer::Tracer;
 use analysis::tracking::Tracking;
-use config::law_settings::{DEFAULT_PRESET, known};
+use config::law_settings::known;
 use messages::role::Role;
 use render::cases::Cases;
 use render::comparison::document;
@@ -21,13 +21,13 @@ use toml::Value;
 
 use crate::build;
 use crate::cli::values::limit;
-use crate::cli::{CompareArgs, SUITES};
+use crate::cli::{CompareArgs, DiffFormat, SUITES};
 use crate::report_command::{exit_code, publish};
 use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
 use errors::{Failure, USAGE, check_outputs, read_text, write_text};
 use experiments::combinations::{self, Combination};
-use experiments::parallel::{on_processors, processors};
+use experiments::parallel::{jobs, on_processors};
 use experiments::progress::Progress;
 use sim::simulate::{self, InvalidOutputs};
 use sim::simulator::Simulator;
@@ -66,18 +66,13 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
     if let Some(table) = table {
         return fly_table(args, table, &combinations, &overrides);
     }
+    if args.traces && !matches!(args.format, DiffFormat::Json) {
+        return Err(Failure::usage("--traces: only JSON has the curves")
+            .help("add --format json, or write them as a page: --page FILE.html"));
+    }
     let bound_m = args.recovered_below.unwrap_or(RECOVERED_BELOW_M);
     let plan = Plan::new(args, &combinations, &overrides, bound_m)?;
-    let mut warnings: Vec<String> = Vec::new();
-    for settings in &plan.settings {
-        for warning in settings.warnings()? {
-            // Once if it is the same for several laws.
-            if !warnings.contains(&warning) {
-                say(&format!("warning: {warning}\n"));
-                warnings.push(warning);
-            }
-        }
-    }
+    combinations::warn(&plan.settings)?;
     let is_drawn = args.page.is_some() || args.traces;
     let mut comparison = fly_all(&[plan], is_drawn)?.remove(0);
     let document = document(&comparison);
@@ -194,14 +189,10 @@ impl Plan {
                     .help("fly a shorter one (--duration)"),
             );
         }
-        // That of the combinations that have it.
-        let mut presets = settings.iter().map(|it| &*it.flight.preset);
-        let preset = presets.find(|preset| *preset != DEFAULT_PRESET);
-        let preset = preset.unwrap_or(DEFAULT_PRESET);
         let flight = Flight {
             trajectory: first.trajectory_name().into(),
             airframe: first.flight.airframe.clone(),
-            preset: preset.to_owned(),
+            preset: combinations::preset(&settings).into(),
             seed: first.flight.seed,
             last_tick,
             period_s: first.flight.period_s,
@@ -261,7 +252,8 @@ fn fly_all(plans: &[Plan], is_drawn: bool) -> Result<Vec<Comparison>, Failure> {
     let fly = |(flight, settings): &(&Flight, &Settings)| fly(flight, settings, is_drawn);
     let mut progress = Progress::new(flights.len() as u64, "flight");
     let look = |done| progress.look(done as u64);
-    let mut outcomes = on_processors(&flights, processors(), fly, look)?.into_iter();
+    let jobs = jobs(None, flights.iter().map(|(_, settings)| *settings))?;
+    let mut outcomes = on_processors(&flights, jobs, fly, look)?.into_iter();
     progress.clear();
     let compared = |plan: &Plan| Comparison {
         schema: SCHEMA,

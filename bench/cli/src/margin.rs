@@ -24,7 +24,7 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let settings = settings(args)?;
     check_outputs(&[("--page", args.page.as_deref())])?;
     let phases = Phases::new(args.phases, duration(args), &settings[0])?;
-    let task = task(args, &settings[0])?;
+    let task = task(args, &settings)?;
     let no_table = no_table(args);
     let out = args.out.clone();
     let out = out.unwrap_or_else(|| PathBuf::from(&settings[0].recorder.out));
@@ -86,15 +86,13 @@ fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
     for settings in &mut settings {
         settings.flight.faults.clear();
     }
-    for warning in settings[0].warnings()? {
-        say(&format!("warning: {warning}\n"));
-    }
+    combinations::warn(&settings)?;
     Ok(settings)
 }
 
-fn task(args: &MarginArgs, settings: &Settings) -> Result<Task, Failure> {
+fn task(args: &MarginArgs, settings: &[Settings]) -> Result<Task, Failure> {
     const LONGEST_S: f64 = 60.0;
-    let period_s = settings.flight.period_s;
+    let period_s = settings[0].flight.period_s;
     let longest_s = args.longest.as_secs_f64();
     if !(period_s..=LONGEST_S).contains(&longest_s) {
         let period_ms = period_s * 1e3;
@@ -108,8 +106,8 @@ fn task(args: &MarginArgs, settings: &Settings) -> Result<Task, Failure> {
     };
     Ok(Task {
         targets: target::all().filter(is_selected).collect(),
-        bounds: bounds(&args.gates, settings)?,
+        bounds: bounds(&args.gates, &settings[0])?,
         longest: (longest_s / period_s + 1e-9).floor() as u64,
-        jobs: jobs(args.jobs, [settings])?,
+        jobs: jobs(args.jobs, settings)?,
     })
 }

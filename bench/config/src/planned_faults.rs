@@ -1,5 +1,6 @@
 //! The faults of the settings: what they are in ticks, and whether the flight is long enough for them.
 
+use faults::live::LiveFault;
 use faults::{FaultKind, Span, StageTicks, Target};
 use messages::realtime::RealtimeStep;
 use messages::role::Channel;
@@ -8,7 +9,7 @@ use process::rt::{fifo_refusal, remedy};
 use crate::settings::{PaceName, Settings};
 use analysis::faults::InjectedFault;
 use errors::Failure;
-use faults::grammar::{Change, Fault, FaultError};
+use faults::grammar::{Change, Fault, FaultError, planned_again};
 use faults::plan::Planned;
 
 impl Settings {
@@ -28,9 +29,40 @@ impl Settings {
         self.flight.faults.iter().map(|text| text.parse()).collect()
     }
 
-    /// The faults of messages, stages and their processor, for the report.
+    /// The planned faults of messages, stages and their processor, for the report.
     pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
-        injected(&self.flight.faults, self.flight.period_s)
+        self.injected_beside(&[])
+    }
+
+    /// The same of a flight into which other faults were injected, which may end planned ones.
+    pub fn injected_beside(&self, live: &[LiveFault]) -> Result<Vec<InjectedFault>, Failure> {
+        let period_s = self.flight.period_s;
+        let planned = spans(&self.flight.faults, period_s)?;
+        let planned = planned.into_iter().map(|fault| (fault, true));
+        let live = planned_again(live).into_iter().map(|fault| {
+            let from = fault.from.tick(period_s);
+            let to = Span::FOR_GOOD;
+            ((fault, Span { from, to }), false)
+        });
+        let mut injected: Vec<(InjectedFault, Vec<FaultKind>)> = Vec::new();
+        for ((fault, Span { from, to }), is_planned) in planned.chain(live) {
+            let what: Vec<String> = fault.of_the_loop().map(Change::to_string).collect();
+            let kinds = fault.of_the_loop().flat_map(Change::kinds);
+            let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
+            let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_like(end));
+            for (fault, kinds) in &mut injected {
+                if !kinds.is_empty() && kinds.iter().all(is_ended) {
+                    fault.end(from, period_s);
+                }
+            }
+            if is_planned && !what.is_empty() {
+                let to = (to != Span::FOR_GOOD).then_some(to);
+                let described = InjectedFault::new(what.join(","), from, to, period_s);
+                let kinds = begins.into_iter().map(|(kind, _)| kind);
+                injected.push((described, kinds.collect()));
+            }
+        }
+        Ok(injected.into_iter().map(|(fault, _)| fault).collect())
     }
 
     /// Refuses faults that this flight cannot have.
@@ -93,32 +125,6 @@ fn spans(faults: &[String], period_s: f64) -> Result<Vec<(Fault, Span)>, Failure
     };
     let spans: Result<_, FaultError> = faults.iter().map(span).collect();
     spans.map_err(|e| Failure::usage(format!("fault: {e}")))
-}
-
-/// The faults of messages, stages and their processor among these, in a flight with ticks of `period_s` [s].
-pub fn injected(faults: &[String], period_s: f64) -> Result<Vec<InjectedFault>, Failure> {
-    let mut injected: Vec<(InjectedFault, Vec<FaultKind>)> = Vec::new();
-    for (fault, Span { from, to }) in spans(faults, period_s)? {
-        let what: Vec<String> = fault.of_the_loop().map(Change::to_string).collect();
-        if what.is_empty() {
-            continue;
-        }
-        let kinds = fault.of_the_loop().flat_map(Change::kinds);
-        let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
-        let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_like(end));
-        for (fault, kinds) in &mut injected {
-            if !kinds.is_empty() && kinds.iter().all(is_ended) {
-                fault.end(from, period_s);
-            }
-        }
-        let to = (to != Span::FOR_GOOD).then_some(to);
-        let described = InjectedFault::new(what.join(","), from, to, period_s);
-        injected.push((
-            described,
-            begins.into_iter().map(|(kind, _)| kind).collect(),
-        ));
-    }
-    Ok(injected.into_iter().map(|(fault, _)| fault).collect())
 }
 
 /// Refuses a fault that ends after the flight.

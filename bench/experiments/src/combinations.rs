@@ -102,6 +102,27 @@ pub fn resolve(
     Ok(all)
 }
 
+/// Prints the warnings of all combinations, each once.
+pub fn warn(all: &[Settings]) -> Result<(), Failure> {
+    let mut seen: Vec<String> = Vec::new();
+    for settings in all {
+        for warning in settings.warnings()? {
+            if !seen.contains(&warning) {
+                say(&format!("warning: {warning}\n"));
+                seen.push(warning);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The preset that is flown by the combinations that have it.
+pub fn preset(all: &[Settings]) -> &str {
+    let mut presets = all.iter().map(|it| &*it.flight.preset);
+    let preset = presets.find(|preset| *preset != DEFAULT_PRESET);
+    preset.unwrap_or(DEFAULT_PRESET)
+}
+
 /// The settings of a combination; of one none of whose laws has the preset of the flight, those of its defaults, and why
 /// that preset is refused.
 fn resolve_one(

@@ -70,6 +70,7 @@ pub fn measure_all(
         let unfaulted = unfaulted.reduce(Point::worse).unwrap_or_default();
         laws.push(LawMargins {
             laws: combinations::laws(settings)?,
+            preset: settings.flight.preset.clone(),
             fingerprint: table::fingerprint(settings)?,
             unfaulted,
             qualified: bounds.qualified(&unfaulted),
@@ -88,7 +89,7 @@ pub fn measure_all(
         build: build::executable(),
         trajectory: first.trajectory_name().into(),
         airframe: first.airframe_name().into(),
-        preset: first.flight.preset.clone(),
+        preset: combinations::preset(settings).into(),
         seed: first.flight.seed,
         period_s: first.flight.period_s,
         phases_s: phases

@@ -131,8 +131,10 @@ impl Observation {
             *flight.supervision = supervision.get();
         }
         flight.redundancy = self.redundancy.as_ref().map(BlackboardReader::get);
-        self.faults.update();
-        flight.injected = injected(&self.faults.faults, flight.run.flight_time_s(1));
+        if let Some(live) = self.faults.update() {
+            flight.injected = injected(live, flight.run.flight_time_s(1));
+            flight.planned = flight.settings.injected_beside(live).unwrap_or_default();
+        }
         flight.update_steal();
         // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.
         let instance = self.wire.instance();

@@ -37,13 +37,15 @@ pub fn create(directory: &Path) -> Result<AsyncWriter, Failure> {
 }
 
 impl<'a> Hlog<'a> {
-    /// Starts the log of a flight that began at `start_wall_ns` [ns since 1970], in intervals of `length_s` [s].
+    /// Starts the log of a flight that began at `start_wall_ns` [ns since 1970], in intervals of `length_s` [s]. The first
+    /// has the number `intervals`: a recorder may begin in the middle of a flight.
     pub fn begin(
         lines: &AsyncWriter,
         out: &'a mut AsyncWriter,
         serializer: &'a mut V2DeflateSerializer,
         start_wall_ns: u64,
         length_s: u64,
+        intervals: u32,
     ) -> Result<Self, Failure> {
         let start: SystemTime = UNIX_EPOCH + Duration::from_nanos(start_wall_ns);
         let writer = IntervalLogWriterBuilder::new()
@@ -60,7 +62,7 @@ impl<'a> Hlog<'a> {
             writer,
             lines: lines.clone(),
             length: Duration::from_secs(length_s),
-            intervals: 0,
+            intervals,
         })
     }
 
@@ -102,7 +104,7 @@ mod tests {
         let lines = create(directory.path()).unwrap();
         let (mut out, mut serializer) = (lines.clone(), V2DeflateSerializer::new());
         let start_ns = 1_700_000_000_000_000_000;
-        let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, start_ns, 1).unwrap();
+        let mut hlog = Hlog::begin(&lines, &mut out, &mut serializer, start_ns, 1, 3).unwrap();
         let mut series = SeriesSet::new().unwrap();
         series.record(Series::Loop, 30_000);
         assert!(lives(directory.path()), "it is locked");
@@ -112,7 +114,7 @@ mod tests {
         drop((lines, out));
         let text = fs::read_to_string(directory.path().join(LATENCIES)).unwrap();
         let last = text.lines().last().unwrap();
-        let is_whole = text.ends_with('\n') && last.starts_with("Tag=loop,0.000,1.000,");
+        let is_whole = text.ends_with('\n') && last.starts_with("Tag=loop,3.000,1.000,");
         assert!(is_whole, "{text}");
         while lives(directory.path()) {
             std::thread::yield_now();

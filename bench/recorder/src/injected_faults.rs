@@ -63,6 +63,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_planned_fault_acts_until_it_is_called_off_in_flight() {
+        let planned = vec![("flight.faults", vec!["state.drop=0.05@2s"].into())];
+        let settings = config::Settings::resolve(None, &planned).unwrap();
+        let off: Fault = "state.drop=off@tick5000".parse().unwrap();
+        let off: Vec<LiveFault> = off.changes[0].faults(off.span(1e-3).unwrap()).collect();
+        for (live, to_tick) in [(&off[..], Some(5000)), (&[], None)] {
+            let planned = settings.injected_beside(live).unwrap();
+            assert_eq!(planned[0].to_tick, to_tick);
+        }
+    }
+
+    #[test]
     fn a_fault_acts_until_it_is_called_off_and_in_no_tick_if_that_is_before_it_begins() {
         for (called_off_at, to_tick) in [(5, 10), (15, 15), (30, 20)] {
             let end = format!("state.drop=off@tick{called_off_at}");

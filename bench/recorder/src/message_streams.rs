@@ -9,7 +9,7 @@ use flight_log::entry::LogEntry;
 use ipc::clock::{Horizon, now_ns};
 use ipc::error::Error;
 use ipc::{BlackboardReader, DEEP, Wire};
-use messages::content::{Setpoint, State, Wrench};
+use messages::content::{Setpoint, Stamped, State, Wrench};
 use messages::grid::Pace;
 use messages::header::Message;
 use messages::inspection::{Expected, Rejections};
@@ -80,6 +80,8 @@ pub struct FlightStream {
     /// The newest states: a stage that was stopped between reading and working may use one this old.
     states: MessageWindow<State>,
     setpoints: MessageWindow<Setpoint>,
+    /// Inputs of the newest wrench.
+    used: (Stamped<State>, Stamped<Setpoint>),
     inputs: FaultyInputs,
     monitor: FlightMonitor,
     joiner: Joiner,
@@ -104,6 +106,7 @@ impl MessageStreams {
                 statistics,
                 states: MessageWindow::keeping(DEEP),
                 setpoints: MessageWindow::keeping(DEEP),
+                used: (Stamped::never(), Stamped::never()),
                 inputs,
                 monitor,
                 joiner: Joiner::default(),
@@ -247,8 +250,8 @@ impl FlightStream {
     ) {
         let [of_state, of_setpoint, _] = wrench.envelope.input_tick;
         let (state, setpoint) = (
-            self.states.input(of_state),
-            self.setpoints.input(of_setpoint),
+            self.states.input_kept(of_state, &mut self.used.0),
+            self.setpoints.input_kept(of_setpoint, &mut self.used.1),
         );
         let result = self.monitor.watch(wrench, state, setpoint);
         match result {

@@ -69,12 +69,16 @@ pub fn run(
     let meter = UsageMeter::start();
     let lines = hlog::create(&files.directory)?;
     let (mut out, mut serializer) = (lines.clone(), V2DeflateSerializer::new());
+    let run = armed.run.get();
+    let seconds = now_ns().saturating_sub(run.t0_ns) / NS_PER_S;
+    let every_s = settings.recorder.hlog_every_s;
     let latencies = Hlog::begin(
         &lines,
         &mut out,
         &mut serializer,
-        armed.run.get().t0_wall_ns,
-        settings.recorder.hlog_every_s,
+        run.t0_wall_ns,
+        every_s,
+        u32::try_from(seconds / every_s).unwrap_or(u32::MAX),
     )?;
 
     let instance = session.wire().instance();
@@ -119,7 +123,7 @@ pub fn run(
             roles,
             faults,
         },
-        seconds: 0,
+        seconds,
     };
     let outcome = recorder.record(&mut session);
     session.land(&meter);

@@ -49,6 +49,8 @@ pub struct ReportBuilder<'a> {
     margin: Option<MarginSection>,
     instance: String,
     meter: &'a UsageMeter,
+    /// When this recorder began [ns].
+    began_ns: u64,
 }
 
 impl<'a> ReportBuilder<'a> {
@@ -64,6 +66,7 @@ impl<'a> ReportBuilder<'a> {
             margin,
             instance: instance.into(),
             meter,
+            began_ns: now_ns(),
         })
     }
 
@@ -82,8 +85,9 @@ impl<'a> ReportBuilder<'a> {
             ticks_without_state,
             ..statistics.flight()
         };
-        let injected = injected(&recorded.faults.faults, period_s);
-        let faults = [settings.injected()?, injected].concat();
+        let live = &recorded.faults.faults;
+        let planned = settings.injected_beside(live)?;
+        let faults = [planned, injected(live, period_s)].concat();
         let autopsy = statistics.autopsy.as_ref().map(MissAnalysis::section);
         let mut autopsy =
             autopsy
@@ -145,7 +149,7 @@ impl<'a> ReportBuilder<'a> {
     fn recorder_section(&self, recorded: &Recorded<'_>, run: &Run) -> schema::RecorderSection {
         let Recorded { streams, files, .. } = recorded;
         let lost = TOPICS.into_iter().zip(streams.statistics().lost());
-        let elapsed_ns = now_ns().saturating_sub(run.t0_ns).max(1);
+        let elapsed_ns = now_ns().saturating_sub(run.t0_ns.max(self.began_ns)).max(1);
         schema::RecorderSection {
             lost: lost.map(|(topic, lost)| (topic.into(), lost)).collect(),
             rejected: rejections(&streams.rejections()),

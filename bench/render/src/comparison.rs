@@ -14,6 +14,14 @@ use analysis::traces::{self, Group, Span};
 /// Errors below are drawn as this [m]: that of a flight at rest has no logarithm.
 const ERROR_MIN_M: f64 = 1e-5;
 
+/// The laws, each with the preset that it flew, that do not have a preset.
+pub fn lacking_preset<'a>(preset: &str, flown: impl Iterator<Item = (String, &'a str)>) -> Block {
+    let lacks = flown.filter(|(_, own)| *own != preset);
+    let lacks =
+        lacks.map(|(name, _)| format!("{name} has no preset `{preset}`: flown with its defaults"));
+    Block::Items(lacks.collect())
+}
+
 pub fn document(comparison: &Comparison) -> Document {
     let flight = &comparison.flight;
     let combinations = comparison.outcomes.len();
@@ -22,13 +30,9 @@ pub fn document(comparison: &Comparison) -> Document {
     if !flight.faults.is_empty() {
         lead.push(Block::Items(flight.faults.iter().map(fault).collect()));
     }
-    let lacks = |it: &&Outcome| it.preset != flight.preset;
-    let lacks = comparison.outcomes.iter().filter(lacks);
-    let lacks = lacks.map(|it| {
-        let (name, preset) = (comparison.name_of(&it.laws), &flight.preset);
-        format!("{name} has no preset `{preset}`: flown with its defaults")
-    });
-    lead.push(Block::Items(lacks.collect()));
+    let flown = comparison.outcomes.iter();
+    let flown = flown.map(|it| (comparison.name_of(&it.laws), &*it.preset));
+    lead.push(lacking_preset(&flight.preset, flown));
     let mut sections = vec![over_time(comparison)];
     sections.extend(motion(comparison));
     sections.extend(position_errors(comparison));

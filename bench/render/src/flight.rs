@@ -18,7 +18,7 @@ use analysis::timer_lead::LeadSection;
 use flight_log::FILE;
 use flight_log::facts::{AROUND_MISSES, OFF};
 use messages::realtime::RealtimeStep;
-use messages::role::{CHANNEL_ROLES, STAGES};
+use messages::role::{CHANNEL_ROLES, Role, STAGES};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 
@@ -550,7 +550,10 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
     }
     // In lockstep the plant has no timer.
     if report.run.speed() != Speed::Lockstep {
-        blocks.push(Block::Paragraph(lead_line(&report.lead, report.ticks.run)));
+        // Its process counts the warm-up runs.
+        let mixer = report.roles.get(Role::Mixer.name());
+        let ticks = mixer.map_or(report.ticks.run, |it| it.ticks_run);
+        blocks.push(Block::Paragraph(lead_line(&report.lead, ticks)));
     }
     let interrupts = &report.interrupts;
     if !interrupts.counts.is_empty() {
@@ -625,7 +628,7 @@ fn grants(role: &RoleSection) -> String {
     }
 }
 
-/// As a line of text; of a flight of `ticks`.
+/// As a line of text; of a mixer that ran `ticks`.
 fn lead_line(lead: &LeadSection, ticks: u64) -> String {
     let (lead_us, timer_us, rehearsal_us) = (lead.lead_us, lead.timer_p90_us, lead.rehearsal_us);
     if lead_us == 0.0 {

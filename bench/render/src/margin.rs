@@ -1,6 +1,6 @@
 //! Robustness margins: the limits of each combination of laws as tables, then what its flights did as curves.
 
-use crate::comparison::thousandths;
+use crate::comparison::{lacking_preset, thousandths};
 use crate::document::{self, Block, Cell, Document, Figure, Section, known};
 use crate::plot::{Axis, Chart, LAWS, Layer};
 use crate::scale::Scale;
@@ -16,6 +16,12 @@ const ERROR_MIN_M: f64 = 1e-4;
 pub fn document(margins: &Margins) -> Document {
     let lead = [conditions(margins), phases(margins)].into_iter();
     let lead = lead.chain(criteria(margins)).map(Block::Paragraph);
+    // Tables of earlier versions do not say.
+    let flown = margins.laws.iter().filter(|it| !it.preset.is_empty());
+    let lead = lead.chain([lacking_preset(
+        &margins.preset,
+        flown.map(|it| (margins.name_of(&it.laws), &*it.preset)),
+    )]);
     let curves = [
         ("outage", "Outages", Kind::Outage, "length [ticks]"),
         ("lag", "Steady lag", Kind::Lag, "lag [ticks]"),

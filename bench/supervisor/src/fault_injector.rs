@@ -219,12 +219,12 @@ impl FaultInjector {
         for (at, action) in due {
             match action {
                 Action::Inject(fault) => {
-                    let (now, period_s) = (grid.tick_at(now), run.flight_time_s(1));
-                    self.delayed.extend(delayed(&fault, now, period_s));
                     if let Err(failure) = self.inject(&fault, run, grid, players) {
                         let message = format!("a fault was not injected: {failure}");
                         self.messages.push(message);
                     }
+                    let (now, period_s) = (grid.tick_at(now_ns()), run.flight_time_s(1));
+                    self.delayed.extend(delayed(&fault, now, period_s));
                 }
                 Action::Continue(pid) => {
                     sleep_through(at);

@@ -106,8 +106,8 @@ pub(super) struct FlightSupervisor {
     start_timeout: Duration,
     progress: StartProgress,
     outcome: Outcome,
-    /// Kills for lack of memory that are known: before the flight, and of the supervised processes.
-    memory_kills: u64,
+    /// Kills for lack of memory up to the last two looks: a process of the flight is one of them only if there is one more.
+    memory_kills: [u64; 2],
 }
 
 /// A child that plays a role.
@@ -247,7 +247,7 @@ impl FlightSupervisor {
             start_timeout: Duration::from_secs_f64(settings.start_timeout_s()?),
             progress: StartProgress::default(),
             outcome: Outcome::default(),
-            memory_kills: memory_kills(),
+            memory_kills: [memory_kills(); 2],
         };
         for replica in Replica::all(supervisor.channels) {
             let child = supervisor.spawner.start(replica, directory)?;
@@ -300,6 +300,7 @@ impl FlightSupervisor {
             }
             if let Some(run) = run.filter(|_| shown.elapsed() >= LOOK_EVERY) {
                 shown = Instant::now();
+                self.memory_kills = [self.memory_kills[1], memory_kills()];
                 self.status_line.show(&run);
             }
         }
@@ -377,10 +378,12 @@ impl FlightSupervisor {
             let by_fault = || self.fault_injector.killed(pid).map(KillReason::Fault);
             // It may have ended by itself before the signal came.
             let is_killed = status.signal() == Some(Signal::KILL.as_raw());
-            let by_memory = || (memory_kills() > self.memory_kills).then_some(KillReason::Memory);
+            let by_memory =
+                || (memory_kills() > self.memory_kills[0]).then_some(KillReason::Memory);
             let killed = process.killed.or_else(by_fault).or_else(by_memory);
             let killed = killed.filter(|_| is_killed);
-            self.memory_kills += u64::from(killed == Some(KillReason::Memory));
+            let is_known = u64::from(killed == Some(KillReason::Memory));
+            self.memory_kills = self.memory_kills.map(|kills| kills + is_known);
             self.fault_injector.forget(pid);
             if !process.is_dismissed {
                 exits.push(ProcessExit {
@@ -654,6 +657,7 @@ impl FlightSupervisor {
             let is_late = |timeout| restart.is_restarted() && restart.age() > timeout;
             let hangs = match statuses.of_process(replica, pid) {
                 Some(status) if status.phase() == RolePhase::Flying => hanging.contains(&replica),
+                Some(status) if status.phase() == RolePhase::Landed => false,
                 // A process that a signal has stopped on its way does not arrive.
                 _ => {
                     is_late(GETTING_READY)
@@ -793,6 +797,9 @@ impl FlightSupervisor {
                 Err(failure) => return Err(failure),
             };
             self.publish_directory();
+            if replica.role == Role::Record {
+                self.status_line.follow(&self.recordings.newest().path);
+            }
             self.child_watch.watch(&child);
             if let Some(limit) = self.restart_limits.get_mut(&replica) {
                 limit.restarted(now);

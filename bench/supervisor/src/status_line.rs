@@ -27,12 +27,13 @@ impl StatusLine {
             on_terminal: has_screen(&io::stderr()),
             waiting: None,
             duration_s,
-            figures: ReportFigures {
-                path: directory.join("report.json"),
-                written: None,
-                text: String::new(),
-            },
+            figures: ReportFigures::of(directory),
         }
+    }
+
+    /// Shows the figures of a new recorder, which writes into this directory.
+    pub(super) fn follow(&mut self, directory: &Path) {
+        self.figures = ReportFigures::of(directory);
     }
 
     /// Notes whether the dashboard has the terminal; prints what waited for it to leave.
@@ -118,6 +119,14 @@ struct ReportFigures {
 }
 
 impl ReportFigures {
+    fn of(directory: &Path) -> Self {
+        Self {
+            path: directory.join("report.json"),
+            written: None,
+            text: String::new(),
+        }
+    }
+
     /// Reads the report where it is another one than at the last look; says whether it was.
     fn look(&mut self) -> bool {
         let written = fs::metadata(&self.path)

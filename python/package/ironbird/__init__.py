@@ -149,7 +149,7 @@ def compare(**flags: Flag) -> Table:
             rows = Path(os.fspath(flags.pop("csv", None) or Path(directory) / "rows.csv"))  # type: ignore[arg-type]
             expect(run("compare", csv=rows, **flags), 0, 3)
             with open(rows, newline="", encoding="utf-8") as file:
-                return Table([{name: text if name == "outputs" else _number(text) for name, text in row.items()} for row in csv.DictReader(file)])
+                return Table([{name: _value(name, text) for name, text in row.items()} for row in csv.DictReader(file)])
     document = _document("compare", flags, 0, 3)
     return Table([flat(row["laws"] | {name: row[name] for name in row if name != "laws"}) for row in document["outcomes"]], document)
 
@@ -203,8 +203,10 @@ def campaign(file: str | os.PathLike[str], *, out: str | os.PathLike[str] | None
     return Table(table, document)
 
 
-def _number(text: str) -> float | str | None:
-    try:
-        return float(text)
-    except ValueError:
-        return text or None
+def _value(column: str, text: str) -> float | int | str | None:
+    """A cell of the table of `compare --csv`."""
+    if column in ("case", "trajectory", "preset", "outer", "inner", "mixer", "outputs"):
+        return text
+    if column == "seed":
+        return int(text)
+    return float(text) if text else None

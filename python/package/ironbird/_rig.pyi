@@ -38,6 +38,9 @@ class Given:
     @property
     def saturated(self) -> bool:
         """Whether the demand could not be met in full."""
+    @property
+    def other_law(self) -> bool:
+        """Whether a channel with other laws flies, and the command answers their demand."""
 
 class Desired:
     """What the outer law wants of the inner one. Each array is a new one."""

@@ -173,13 +173,15 @@ class Fault:
     """A parameter of the plant that changed in flight."""
 
     tick: int
-    """Tick from which the new value held."""
+    """Tick from which the value changed."""
     t: float
     """The same as time of the flight [s]."""
     parameter: str
     """Name with unit."""
     old: float
     new: float
+    over_s: float
+    """How long the change took [s]; 0 if it was made at once."""
 
 
 def _report(file: Path | None) -> dict[str, Any]:

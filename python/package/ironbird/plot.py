@@ -53,6 +53,6 @@ def draw(figure: Any, flight: Flight, every: int) -> None:
         ax.legend(fontsize="x-small", loc="best")
     for ax in figure.axes:
         ax.grid(alpha=0.3)
-    changes = ", ".join(f"{it.parameter} {it.old:g} to {it.new:g} at {it.t:g} s" for it in flight.faults[:3])
+    changes = ", ".join(f"{it.parameter} {it.old:g} to {it.new:g} at {it.t:g} s{f' over {it.over_s:g} s' if it.over_s else ''}" for it in flight.faults[:3])
     more = f", and {len(flight.faults) - 3} more" if len(flight.faults) > 3 else ""
     figure.suptitle(flight.title + (f"\n{changes}{more}" if changes else ""), fontsize="medium")

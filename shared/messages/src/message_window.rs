@@ -44,6 +44,20 @@ impl<C: Topic> MessageWindow<C> {
         Some(&self.of(input_tick)?.1)
     }
 
+    /// The same for a stage that may use one message for long, as when those after it are lost: `used` keeps it, however far
+    /// the window has moved on.
+    #[inline]
+    pub fn input_kept<'a>(
+        &self,
+        input_tick: u64,
+        used: &'a mut Stamped<C>,
+    ) -> Option<&'a Stamped<C>> {
+        if used.tick != input_tick {
+            *used = *self.input(input_tick)?;
+        }
+        Some(used)
+    }
+
     #[inline]
     pub fn of(&self, tick: u64) -> Option<&(Header, Stamped<C>)> {
         let tick_of = |(_, message): &(Header, Stamped<C>)| message.tick;

@@ -321,7 +321,8 @@ pub fn run<S: Stage>(stage: S, session: RoleSession, flight: &Flight) -> Result<
         continuity.begin(&mut stage.stage, first_tick, took_off, &mut stage.law_state);
         session.status.resumed_at = continuity.resumed_at;
     }
-    let mut pacer = Pacer::new(armed.pace, S::ROLE, armed.first_tick);
+    let ticks = armed.first_tick..armed.last_tick.saturating_add(1);
+    let mut pacer = Pacer::new(armed.pace, S::ROLE, ticks);
     if loop_cpus > 1 {
         pacer.poll(is_first);
     }

@@ -51,10 +51,7 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
 }
 
 fn jobs_of(asked: Option<usize>, plan: &Plan) -> Result<usize, Failure> {
-    let arms = 0..plan.campaign.arms.len();
-    let settings = arms.map(|arm| Ok(plan.flight(0, arm)?.0));
-    let settings = settings.collect::<Result<Vec<_>, Failure>>()?;
-    jobs(asked, &settings)
+    jobs(asked, &plan.flown)
 }
 
 pub(super) fn default_directory(plan: &Plan) -> PathBuf {

@@ -61,18 +61,19 @@ fn is_trial(path: &str, value: &Value) -> bool {
     path == "rt.loop_cpus" && value.as_str() == Some("auto")
 }
 
-/// Refuses flags that need the clock in a lockstep flight: those among the overrides, and others, each with whether it
-/// is given.
+/// Refuses flags that need the clock in a lockstep flight: those among the overrides, `--set` of the same settings, and
+/// others, each with whether it is given.
 pub fn check_clock_flags(
     settings: &Settings,
     given: &Overrides,
     others: &[(&str, bool)],
 ) -> Result<(), Failure> {
-    let needs_clock = |(path, value): &(&'static str, Value)| {
-        let setting = config::declarations::settings().find(|setting| setting.path == *path);
+    let needs_clock = |(typed, value): &(&'static str, Value)| {
+        let (set, path) = overrides::parts(typed);
+        let setting = config::declarations::settings().find(|setting| setting.path == path);
         let flag = setting.and_then(|setting| setting.flag);
         let flag = flag.filter(|flag| flag.needs_clock && value.as_str() != Some("off"));
-        flag.map(|flag| flag.name)
+        flag.map(|flag| set.map_or(flag.name, |_| *typed))
     };
     let other = others.iter().find(|(_, is_given)| *is_given);
     let flag = given

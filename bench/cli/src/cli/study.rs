@@ -57,10 +57,10 @@ pub struct CompareArgs {
     pub traces: bool,
     /// Fly once per row of this file, each a [[row]] with `name` and `faults`, and print Markdown tables. Without
     /// --inner, all built-in inner laws fly.
-    #[arg(long, value_name = "FILE.toml", group = "cases", conflicts_with_all = ["faults", "format"])]
+    #[arg(long, value_name = "FILE.toml", group = "cases", conflicts_with_all = ["faults", "format", "traces"])]
     pub table: Option<PathBuf>,
     /// Fly a built-in table: robustness (`ironbird docs robustness`).
-    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(SUITES.map(|(name, _)| name)), group = "cases", conflicts_with_all = ["faults", "format"])]
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(SUITES.map(|(name, _)| name)), group = "cases", conflicts_with_all = ["faults", "format", "traces"])]
     pub suite: Option<String>,
     /// Also draw the table to this file.
     #[arg(long, value_name = "FILE.svg", requires = "cases")]

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 
 use ::campaign::campaign::{Campaign, Variant};
 use ::campaign::chunk::{Identity, SCHEMA};
+use ::campaign::distribution::Distribution;
 use ::campaign::file;
 use ::campaign::gates::SignalGate;
 use errors::{Failure, InFile as _, USAGE, read_text, write_whole};
@@ -27,6 +28,8 @@ pub struct Plan {
     pub text: String,
     pub identity: Identity,
     pub timings: Timings,
+    /// The settings of the first flight by each arm, also with each inner law that is drawn.
+    pub flown: Vec<Settings>,
 }
 
 impl Plan {
@@ -56,8 +59,10 @@ impl Plan {
             text,
             identity,
             timings,
+            flown: Vec::new(),
         };
-        let shared = plan.check()?;
+        let (shared, flown) = plan.check()?;
+        plan.flown = flown;
         plan.identity.campaign = plan.campaign.fingerprint(&shared);
         Ok(plan)
     }
@@ -108,10 +113,10 @@ impl Plan {
     }
 
     /// Whether the first flight can be flown by each arm, also with each end of what is drawn; the settings that the
-    /// flights of each arm share.
-    fn check(&self) -> Result<Vec<String>, Failure> {
+    /// flights of each arm share, and [`Self::flown`].
+    fn check(&self) -> Result<(Vec<String>, Vec<Settings>), Failure> {
         let first = self.campaign.draws(0);
-        let mut shared = Vec::new();
+        let (mut shared, mut flown) = (Vec::new(), Vec::new());
         let mut unknown: Vec<&SignalGate> = self.campaign.gates.telemetry.iter().collect();
         for arm in &self.campaign.arms {
             let settings = self
@@ -121,8 +126,12 @@ impl Plan {
                 for end in factor.distribution.ends() {
                     let mut draws = first.clone();
                     draws[place] = end;
-                    self.tried(arm, &draws)
+                    let settings = self
+                        .tried(arm, &draws)
                         .map_err(|failure| self.at_line(failure, arm, Some(factor.line)))?;
+                    if factor.name == "inner.law" {
+                        flown.push(settings);
+                    }
                 }
             }
             let signals = settings.flown_laws()?.signals;
@@ -135,9 +144,10 @@ impl Plan {
                 text += &format!("\ntiming {}", self.timings[&name].sum());
             }
             shared.push(text);
+            flown.push(settings);
         }
         let Some(gate) = unknown.first() else {
-            return Ok(shared);
+            return Ok((shared, flown));
         };
         let key = format!("success.telemetry.{}", gate.name());
         let (file, line) = (self.file.display(), self.campaign.lines.of_key(&key));
@@ -284,8 +294,16 @@ fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
         let (there, place) = (Facts::read(directory)?, directory.display());
         there.check_recordings(plan, &format!("{place} holds rows of"))?;
         if there.campaign != plan.identity.campaign {
+            let mut factors = plan.campaign.factors.iter();
+            let latin = factors.find(|it| matches!(it.distribution, Distribution::Latin { .. }));
+            let latin = latin.map_or(String::new(), |it| {
+                format!(
+                    ", or in that number, on which the latin factor {} depends",
+                    it.name
+                )
+            });
             return Err(Failure::usage(format!(
-                "{place} holds another campaign: the file has changed in more than its number of flights"
+                "{place} holds another campaign: the file has changed in more than its number of flights{latin}"
             ))
             .help("fly it into another directory (--out DIR), or remove this one"));
         }

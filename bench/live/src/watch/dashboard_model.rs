@@ -298,7 +298,7 @@ pub struct WatchedFlight {
     pub active: ActiveParameters,
     pub supervision: Box<Supervision>,
     /// Faults of the settings.
-    planned: Vec<InjectedFault>,
+    pub planned: Vec<InjectedFault>,
     /// Faults that were injected into the running flight.
     pub injected: Vec<InjectedFault>,
     /// The channel whose command the plant took last, and its first tick; unknown if that was before the dashboard joined.

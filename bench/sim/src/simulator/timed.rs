@@ -21,6 +21,10 @@ pub struct Timed {
     states: MessageWindow<State>,
     setpoints: MessageWindow<Setpoint>,
     wrenches: MessageWindow<Wrench>,
+    /// What the outer loop, the inner loop and the mixer used last.
+    outer_used: Stamped<State>,
+    inner_used: (Stamped<State>, Stamped<Setpoint>),
+    mixer_used: Stamped<Wrench>,
     /// Each with the first tick in which it may act.
     commands: VecDeque<(Stamped<RotorSpeeds>, u64)>,
     /// Epochs of the current outer loop, inner loop and mixer.
@@ -34,6 +38,9 @@ impl Timed {
             states: MessageWindow::keeping(DEEP),
             setpoints: MessageWindow::keeping(DEEP),
             wrenches: MessageWindow::keeping(DEEP),
+            outer_used: Stamped::never(),
+            inner_used: (Stamped::never(), Stamped::never()),
+            mixer_used: Stamped::never(),
             commands: VecDeque::new(),
             epochs: [None; 3],
             saved: SavedState::new(),
@@ -66,7 +73,7 @@ impl Timed {
                     rig.outer
                         .replace_by(settings.outer_stage()?, &mut self.saved);
                 }
-                let state = self.states.input(state);
+                let state = self.states.input_kept(state, &mut self.outer_used);
                 if state.is_some_and(|state| {
                     rig.outer.tick_into(tick, state, &mut rig.setpoint.content)
                 }) {
@@ -84,9 +91,11 @@ impl Timed {
                 {
                     rig.theorem.begin();
                 }
-                if let (Some(state), Some(setpoint)) =
-                    (self.states.input(state), self.setpoints.input(setpoint))
-                {
+                let used = &mut self.inner_used;
+                if let (Some(state), Some(setpoint)) = (
+                    self.states.input_kept(state, &mut used.0),
+                    self.setpoints.input_kept(setpoint, &mut used.1),
+                ) {
                     rig.inner
                         .tick_into(tick, state, setpoint, &mut rig.wrench.content);
                     rig.wrench.tick = tick;
@@ -101,7 +110,7 @@ impl Timed {
                     rig.mixer
                         .replace_by(settings.mixer_stage()?, &mut self.saved);
                 }
-                if let Some(wrench) = self.wrenches.input(wrench) {
+                if let Some(wrench) = self.wrenches.input_kept(wrench, &mut self.mixer_used) {
                     rig.mixer
                         .tick_into(tick, wrench, &mut rig.rotor_speeds.content);
                     rig.rotor_speeds.tick = tick;

@@ -1,6 +1,7 @@
 //! Which tick a stage works next: input, deadline, or a notification without a message.
 
 use std::cell::Cell;
+use std::ops::Range;
 
 use ipc::WakeEvent;
 use ipc::clock::{Horizon, now_ns};
@@ -81,11 +82,13 @@ pub(super) struct Pacer {
     /// When the present wait for the event began [ns].
     since_ns: u64,
     pub(super) next_tick: u64,
+    /// The first tick after the flight.
+    end_tick: u64,
     pub(super) skipped: u64,
 }
 
 impl Pacer {
-    pub(super) const fn new(pace: Pace, role: Role, first_tick: u64) -> Self {
+    pub(super) const fn new(pace: Pace, role: Role, ticks: Range<u64>) -> Self {
         Self {
             pace,
             first_look_percent: first_look_percent(role),
@@ -94,7 +97,8 @@ impl Pacer {
             polling: Polling::Never,
             poll_until_ns: 0,
             since_ns: 0,
-            next_tick: first_tick,
+            next_tick: ticks.start,
+            end_tick: ticks.end,
             skipped: 0,
         }
     }
@@ -205,7 +209,7 @@ impl Pacer {
         let before = self.skipped;
         if let Pace::Realtime(grid) = self.pace {
             let current = grid.tick_at(now).max(self.next_tick);
-            self.skipped += current - self.next_tick;
+            self.skipped += current.min(self.end_tick).saturating_sub(self.next_tick);
             self.next_tick = current;
         }
         if newest != NO_TICK && newest >= self.next_tick {
@@ -246,12 +250,14 @@ mod tests {
         period_ns: 1_000,
     };
 
+    const END: u64 = 20;
+
     fn at(tick: u64, offset: u64) -> u64 {
         GRID.begin_of(tick) + offset
     }
 
     fn pacer(next_tick: u64) -> Pacer {
-        Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick)
+        Pacer::new(Pace::Realtime(GRID), Role::Inner, next_tick..END)
     }
 
     fn work(tick: u64, receive_ns: u64) -> Option<WakeReason> {
@@ -284,6 +290,11 @@ mod tests {
         assert_eq!((paused.next_tick, paused.skipped), (9, 4));
         assert_eq!(paused.decide(at(9, 200), 9), work(9, at(9, 200)));
 
+        // Ticks after the flight are none that it skips.
+        let mut across = pacer(18);
+        assert_eq!(across.decide(at(30, 100), 17), Some(WakeReason::Skipped));
+        assert_eq!((across.next_tick, across.skipped), (30, 2));
+
         // An input that comes just before its tick begins is worked once.
         let mut early = pacer(5);
         assert_eq!(early.decide(at(5, 999), 6), work(6, at(5, 999)));
@@ -294,7 +305,7 @@ mod tests {
     #[test]
     fn below_the_plant_a_stage_no_longer_waits_before_the_lead_begins() {
         for role in [Role::Outer, Role::Inner, Role::Mixer] {
-            let mut pacer = Pacer::new(Pace::Realtime(GRID), role, 5);
+            let mut pacer = Pacer::new(Pace::Realtime(GRID), role, 5..END);
             let unbounded_ns = pacer.deadline();
             pacer.end_before_lead(250);
             let deadline_ns = pacer.deadline();
@@ -334,7 +345,7 @@ mod tests {
         // Before take-off there is none before it.
         assert!(pacer(0).is_to_come(1));
         // In lockstep no tick is waited for.
-        assert!(!Pacer::new(Pace::Lockstep, Role::Inner, 0).is_to_come(1));
+        assert!(!Pacer::new(Pace::Lockstep, Role::Inner, 0..END).is_to_come(1));
     }
 
     #[test]
@@ -353,7 +364,7 @@ mod tests {
         // Notified in the first look and in the second; the third finds a message, so that the wait has an end.
         let woken_by = |notify: &dyn Fn()| {
             let mut looks = 0;
-            let woken = Pacer::new(Pace::Realtime(grid), Role::Inner, 1).wait(&event, |_| {
+            let woken = Pacer::new(Pace::Realtime(grid), Role::Inner, 1..END).wait(&event, |_| {
                 looks += 1;
                 notify();
                 Ok(if looks > 2 { 1 } else { NO_TICK })
@@ -370,7 +381,7 @@ mod tests {
             t0_ns: now_ns(),
             period_ns: 1_000_000,
         };
-        let mut pacer = Pacer::new(Pace::Realtime(grid), Role::Inner, 0);
+        let mut pacer = Pacer::new(Pace::Realtime(grid), Role::Inner, 0..END);
         let mut sent_ns = 0;
         let woken = pacer.wait(&event, |clock| {
             std::thread::sleep(std::time::Duration::from_millis(20));
