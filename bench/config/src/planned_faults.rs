@@ -49,7 +49,7 @@ impl Settings {
             let what: Vec<String> = fault.of_the_loop().map(Change::to_string).collect();
             let kinds = fault.of_the_loop().flat_map(Change::kinds);
             let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
-            let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_like(end));
+            let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_ended_by(end));
             for (fault, kinds) in &mut injected {
                 if !kinds.is_empty() && kinds.iter().all(is_ended) {
                     fault.end(from, period_s);

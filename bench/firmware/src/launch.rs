@@ -53,11 +53,14 @@ pub fn executable(port: &Port) -> Result<Option<PathBuf>, Refused> {
     };
     let cache = || {
         let home = || Some(PathBuf::from(env::var_os("HOME")?).join(".cache"));
-        let cache = env::var_os("XDG_CACHE_HOME").map(PathBuf::from);
+        let cache = env::var_os("XDG_CACHE_HOME").filter(|it| !it.is_empty());
+        let cache = cache.map(PathBuf::from);
         let folder = cache.or_else(home)?.join("ironbird");
         Some(folder.join(port.description.name).join(executable))
     };
     let path = named.or_else(cache).unwrap_or_default();
+    // The firmware starts in a directory of its own.
+    let path = std::path::absolute(&path).unwrap_or(path);
     let beside = files.iter().map(|it| path.with_file_name(it));
     match [path.clone()]
         .into_iter()

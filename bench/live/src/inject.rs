@@ -116,8 +116,10 @@ impl When {
     }
 }
 
+/// A time in ticks, rounded as that of a planned fault.
 fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX) / sample_time_ns.max(1)
+    let time_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+    time_ns.saturating_add(sample_time_ns / 2) / sample_time_ns.max(1)
 }
 
 /// A parameter change that the plant has applied.

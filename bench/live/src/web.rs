@@ -26,7 +26,7 @@ use render::{VEHICLE_JS, plot};
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::inject::{When, injected, parse_line};
+use crate::inject::{When, flight, injected, parse_line, still_flying};
 use crate::observation::DRAIN_EVERY;
 use crate::watch::dashboard_model::Model;
 use crate::watch::feed::Feed;
@@ -141,8 +141,18 @@ impl Request {
                 "after {after:?}: a page may wait at most {LATEST:?}"
             ));
         }
+        let meant_for = match after.is_zero() {
+            true => None,
+            false => {
+                let flight = flight(instance).map_err(|e| e.to_string())?;
+                Some(flight.ok_or("no flight is running")?.1.run_id)
+            }
+        };
         sleep(after);
         let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(run_id) = meant_for {
+            still_flying(instance, run_id).map_err(|e| e.to_string())?;
+        }
         injected(instance, &changes, When::NOW, lasts).map_err(|e| e.to_string())
     }
 }

@@ -42,7 +42,7 @@ pub fn injected(live: &[LiveFault], period_s: f64) -> Vec<InjectedFault> {
     let mut ended = live.to_vec();
     for (place, end) in live.iter().enumerate().filter(|(_, fault)| fault.ends) {
         for fault in &mut ended[..place] {
-            if !fault.ends && fault.kind.is_like(&end.kind) {
+            if !fault.ends && fault.kind.is_ended_by(&end.kind) {
                 // One that is called off before it begins acts in no tick.
                 fault.span.to = fault.span.to.min(end.span.from.max(fault.span.from));
             }

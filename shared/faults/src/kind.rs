@@ -180,7 +180,18 @@ impl FaultKind {
         self.role() == other.role() && channels.is_none_or(|(one, other)| one == other)
     }
 
-    /// Whether kind and place are the same, whatever the values are.
+    /// Whether the end of a fault ends this one: of the same kind, at the same place or one that contains it.
+    pub fn is_ended_by(&self, end: &Self) -> bool {
+        let contains = match (end.target, self.target) {
+            (Target::Number(.., whole), Target::Number(.., part)) => {
+                whole.axis.is_none() || whole.axis == part.axis
+            }
+            _ => true,
+        };
+        contains && self.is_like(end)
+    }
+
+    /// Whether kind and place are the same or overlap, whatever the values are.
     pub fn is_like(&self, other: &Self) -> bool {
         match (self.target, other.target) {
             (Target::Message(_, one), Target::Message(_, other_port)) => {

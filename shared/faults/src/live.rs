@@ -6,6 +6,7 @@
 
 use crate::code::FaultCode;
 pub use crate::kind::{FaultKind, LiveFault};
+use crate::plan::periods;
 use crate::{FaultRefusal, LONGEST_DELAY_TICKS, Port, Span, StageTicks};
 use messages::layout::{layout, zeroed};
 use messages::noise::uniform;
@@ -85,7 +86,7 @@ impl<const MOST: usize> FaultList<MOST> {
             let end = fault.span.from;
             let is_ended = |Span { from, to }| to > end && from < to;
             let mut ended = others
-                .filter(|other| other.kind.is_like(&fault.kind) && is_ended(other.span))
+                .filter(|other| other.kind.is_ended_by(&fault.kind) && is_ended(other.span))
                 .peekable();
             ended.peek().ok_or(FaultRefusal::NothingToEnd)?;
             ended.for_each(|other| other.span = other.span.cut(end));
@@ -201,7 +202,8 @@ fn stage_span(fault: &LiveFault, sample_time_ns: u64) -> Option<Span> {
     Some(match fault.kind.stage_ticks()? {
         StageTicks::Late(_) => fault.span,
         StageTicks::Out(ns) | StageTicks::Anew(ns) => {
-            let ticks = (ns / sample_time_ns.max(1)).max(1);
+            let period_s = sample_time_ns.max(1) as f64 / 1e9;
+            let ticks = (periods(ns, period_s) as u64).max(1);
             Span::new(from, from.saturating_add(ticks))
         }
     })
@@ -276,9 +278,21 @@ mod tests {
             ("outer.state.drop=off@tick20", Err(NothingToEnd)),
             ("inner.state.drop=off@tick5", Ok(())),
             ("inner.state.drop=off@tick5", Err(NothingToEnd)),
+            // All axes end one, and one does not end all.
+            ("outer.state.position_w_m.z.bias=1@tick10", Ok(())),
+            ("outer.state.position_w_m.bias=off@tick20", Ok(())),
+            ("outer.state.velocity_w_m_s.bias=1@tick10", Ok(())),
+            (
+                "outer.state.velocity_w_m_s.z.bias=off@tick20",
+                Err(NothingToEnd),
+            ),
         ]);
         // A fault that was ended before it began never acts, and contradicts nothing.
-        assert_eq!(spans(&faults.messages), [(10, 20), (10, 10)]);
+        let (ended, not_begun, not_ended) = ((10, 20), (10, 10), (10, Span::FOR_GOOD));
+        assert_eq!(
+            spans(&faults.messages),
+            [ended, not_begun, ended, not_ended]
+        );
         let again = fault("inner.state.drop=0.1@tick10");
         assert_eq!(faults.take(&again), Ok(()));
         assert_eq!(faults.take(&again), Err(Contradiction));

@@ -152,12 +152,30 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
     })
 }
 
-/// A time in periods; a whole number if it is one but for rounding.
-fn periods(time_ns: u64, period_s: f64) -> f64 {
+/// A time in periods; a whole number if it is one but for rounding: of the time, or of each period to whole nanoseconds.
+pub(crate) fn periods(time_ns: u64, period_s: f64) -> f64 {
     let periods = Duration::from_nanos(time_ns).as_secs_f64() / period_s;
-    if (periods - periods.round()).abs() < 1e-9 * periods {
+    let rounding = 1e-9 + 0.5e-9 / period_s;
+    if (periods - periods.round()).abs() < rounding * periods {
         periods.round()
     } else {
         periods
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_periods_are_whole_whatever_the_period_is_rounded_to() {
+        for rate_hz in [600.0, 900.0, 1000.0, 1500.0, 3000.0, 7000.0, 8000.0] {
+            let period_s: f64 = 1.0 / rate_hz;
+            let tick_ns = (period_s * 1e9).round() as u64;
+            for ticks in [1, 100, 2000] {
+                assert_eq!(periods(ticks * tick_ns, period_s), ticks as f64);
+            }
+        }
+        assert_eq!(periods(1_500_000, 1e-3), 1.5);
     }
 }

@@ -58,7 +58,7 @@ impl Answer {
                 .map(|it| [it.name, it.unit].map(str::to_owned))
                 .collect(),
             not_real_time: table.not_real_time != 0,
-            is_rehearsed: table.save.is_some(),
+            is_rehearsed: table.copy_into.is_some(),
         }
     }
 

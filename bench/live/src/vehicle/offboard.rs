@@ -219,7 +219,12 @@ impl Place {
 
 /// The target of a command.
 pub fn of_command(command: &Command, flight: &WatchedFlight) -> Result<TargetOrder, Refused> {
-    let (name, [first, .., heading_rad]) = (command.name, command.parameters);
+    let (name, [first, .., heading]) = (command.name, command.parameters);
+    let heading_rad = match name {
+        MavCmd::MAV_CMD_DO_REPOSITION => heading,
+        // By the specification, those of a take-off and of a landing are in degrees.
+        _ => heading.to_radians(),
+    };
     let height_m = match name {
         MavCmd::MAV_CMD_DO_SET_MODE if command.mode() == Some(Mode::Hold) => return Ok(HOLD),
         MavCmd::MAV_CMD_DO_SET_MODE => {

@@ -6,6 +6,7 @@
 //! ```
 
 use std::collections::{BTreeMap, HashSet};
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use analysis::faults::InjectedFault;
@@ -31,8 +32,8 @@ use crate::watch::dashboard_model::{Judged, Model, WatchedFlight};
 pub const SYSTEM: u8 = 1;
 pub const COMPONENT: u8 = 1;
 
-/// Shortest interval that a ground station may ask for.
-const SHORTEST: Duration = Duration::from_millis(20);
+/// Intervals that a ground station may ask for [us].
+const INTERVALS_US: RangeInclusive<f32> = 2e4..=2e9;
 /// How often to look for events.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// How often to report missed deadlines at most: SYS_STATUS counts them all.
@@ -451,15 +452,14 @@ impl Vehicle {
         let Some((id, usual)) = stream else {
             return Err(denied(format!("message {id} is not sent by itself")));
         };
-        let shortest = SHORTEST.as_micros();
         let interval = match interval_us {
             -1.0 => None,
             0.0 => Some(usual),
-            us if us >= shortest as f32 && us <= 3.6e9 => Some(Duration::from_micros(us as u64)),
+            us if INTERVALS_US.contains(&us) => Some(Duration::from_micros(us as u64)),
             us => {
-                return Err(denied(format!(
-                    "interval {us} us: allowed are -1, 0 and {shortest} to 3600000000"
-                )));
+                let (least, most) = (INTERVALS_US.start(), INTERVALS_US.end());
+                let why = format!("interval {us} us: allowed are -1, 0 and {least} to {most}");
+                return Err(denied(why));
             }
         };
         // Without them, the vehicle would not be there.
@@ -605,6 +605,10 @@ impl Vehicle {
         if it.param_type != MavParamType::MAV_PARAM_TYPE_REAL32 {
             let why = format!("{name} is set as a REAL32");
             return Err((MAV_PARAM_ERROR_TYPE_MISMATCH, why));
+        }
+        if !it.param_value.is_finite() {
+            let why = format!("{name} = {}: expected a number", it.param_value);
+            return Err((MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE, why));
         }
         let value = meant(it.param_value);
         let what = What::Line(format!("{}={value}", parameter.name()));

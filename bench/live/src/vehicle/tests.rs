@@ -370,6 +370,7 @@ fn telemetry_comes_as_often_as_requested() {
         (hud, 100.0),
         (hud, f32::NAN),
         (heartbeat, -1.0),
+        (attitude, 3.6e9),
         (estimator, 0.0),
     ] {
         it.command(MAV_CMD_SET_MESSAGE_INTERVAL, [id as f32, us, 0.0]);
@@ -408,6 +409,7 @@ fn a_parameter_is_set_if_the_plant_takes_it_and_otherwise_the_old_value_is_sent(
         param_type: MavParamType::MAV_PARAM_TYPE_INT32,
         ..set("WIND_X", 1.0)
     }));
+    it.set("MASS", f32::NAN);
     it.set("NOTHING", 1.0);
     it.set(FAILURES_ENABLED, 1.0);
     it.flight().ending = Some(EndReason::Completed);
@@ -668,11 +670,11 @@ fn commands_climb_descend_move_and_hold() {
     };
     it.flight().take(&LogEntry::State(message(1501, state)));
     let nothing = f32::NAN;
-    let long = |command, param1, param7| {
+    let long = |command, param1, param4, param7| {
         MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
             command,
             param1,
-            param4: nothing,
+            param4,
             param5: nothing,
             param6: nothing,
             param7,
@@ -692,10 +694,10 @@ fn commands_climb_descend_move_and_hold() {
     };
     let relative = MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT;
     for message in [
-        long(MAV_CMD_NAV_TAKEOFF, nothing, nothing),
-        long(MAV_CMD_NAV_TAKEOFF, nothing, 7.0),
-        long(MAV_CMD_NAV_LAND, nothing, nothing),
-        long(MAV_CMD_DO_PAUSE_CONTINUE, 0.0, nothing),
+        long(MAV_CMD_NAV_TAKEOFF, nothing, nothing, nothing),
+        long(MAV_CMD_NAV_TAKEOFF, nothing, 90.0, 7.0),
+        long(MAV_CMD_NAV_LAND, nothing, nothing, nothing),
+        long(MAV_CMD_DO_PAUSE_CONTINUE, 0.0, nothing, nothing),
         command(MAV_CMD_DO_SET_MODE, HOLD),
         int(relative, i32::MAX, i32::MAX, 4.0),
         int(MavFrame::MAV_FRAME_GLOBAL, 473_986_403, 85_469_211, nothing),
@@ -706,9 +708,9 @@ fn commands_climb_descend_move_and_hold() {
         it.request(CURRENT_MODE_DATA::ID, 0);
     }
     for message in [
-        long(MAV_CMD_NAV_TAKEOFF, nothing, -1.0),
-        long(MAV_CMD_DO_REPOSITION, 5.0, nothing),
-        long(MAV_CMD_DO_PAUSE_CONTINUE, 1.0, nothing),
+        long(MAV_CMD_NAV_TAKEOFF, nothing, nothing, -1.0),
+        long(MAV_CMD_DO_REPOSITION, 5.0, nothing, nothing),
+        long(MAV_CMD_DO_PAUSE_CONTINUE, 1.0, nothing, nothing),
         command(MAV_CMD_DO_SET_MODE, [1.0, 3.0, 0.0]),
         int(MavFrame::MAV_FRAME_LOCAL_NED, 1, 1, 1.0),
     ] {

@@ -214,7 +214,7 @@ const showNews = (it) => {
   tile("track", track);
   tile("timing", timing);
   tile("theorem", theorem);
-  const isOver = it.phase.word !== "flying";
+  const isOver = it.phase.over;
   const { broken } = it, why = broken.length ? [...broken] : ["all processes run, no fault acts"];
   if (it.changed.length) why.push(`changed: ${it.changed.join(", ")}`);
   tile("broken", isOver ? { word: "-", why: "no flight", tone: "open" } : {
@@ -239,13 +239,14 @@ const showNews = (it) => {
   }, `end ${what}${rest === null ? "" : ` (${rest.toFixed(1)} s more)`}`)));
 };
 
-// The newest faults and handovers stand where the vehicle was.
+// The newest faults and handovers stand where the vehicle was, as far back as its path goes.
 const showMarks = (events) => {
   const APART_S = 0.5;
   const marked = events.filter((it) => ["fault", "process", "handover"].includes(it.kind));
   const apart = marked.filter((it, i) => i + 1 === marked.length || it.time_s - marked[i + 1].time_s > APART_S).slice(0, 4);
   view.marks(apart.flatMap(({ time_s, text }) => {
-    const pose = poses.find((it) => it.t >= time_s);
+    const isKnown = poses.length && poses[0].t <= time_s + APART_S;
+    const pose = isKnown && poses.find((it) => it.t >= time_s);
     return pose ? [{ position: pose.p, color: "red", label: text }] : [];
   }));
 };
@@ -263,7 +264,7 @@ const showMisses = (it) => {
 };
 
 const showChannels = (it) => {
-  const { redundancy } = it, isOver = it.phase.word !== "flying";
+  const { redundancy } = it, isOver = it.phase.over;
   const counts = `processes: ${it.failed} failed, ${it.restarted} restarted`;
   const flown = Object.entries(redundancy?.ticks_flown ?? {}).map((it) => it.join(" ")).join(", ");
   byId("channels").replaceChildren(...(redundancy ? [make("b", {}, `Channel ${redundancy.active} flies`), `, ${redundancy.handovers} handovers; ticks flown: ${flown}; ${counts}`] : [counts]));
@@ -373,7 +374,7 @@ const banner = (text, isCalm = false) => {
 const UNKNOWN = { word: "unknown", why: "the page has no connection", tone: "bad" };
 const lose = (why) => {
   banner(why);
-  if (news?.flight?.phase.word === "flying") ["phase", "track", "timing", "broken", "theorem"].forEach((it) => tile(it, UNKNOWN));
+  if (news?.flight?.phase.over === false) ["phase", "track", "timing", "broken", "theorem"].forEach((it) => tile(it, UNKNOWN));
   requests.forEach((answered) => answered(false, "the connection was lost before the answer"));
   requests.clear();
 };
@@ -385,7 +386,7 @@ const connect = () => {
     show[text.kind](text);
   };
   socket.onclose = ({ code, reason }) => {
-    if (code === 1001 && news?.flight && news.flight.phase.word !== "flying") {
+    if (code === 1001 && news?.flight?.phase.over) {
       return banner(`${byId("banner").textContent} This page's server has ended, too.`, true);
     }
     if (code === 1001) return lose(`${reason}: start it again and open its new address.`);

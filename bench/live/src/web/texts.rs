@@ -155,7 +155,8 @@ fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVe
             ("ended", why, Some(false))
         }
     };
-    json!({"word": word, "why": why, "tone": tone(is_good)})
+    let over = flight.ending.is_some();
+    json!({"word": word, "why": why, "tone": tone(is_good), "over": over})
 }
 
 /// Missing processes, active faults and stages that use old data, at this moment.
@@ -447,6 +448,7 @@ mod tests {
             let track = Explained::new(track, "below ground".into());
             let phase = phase(flight, &FiledReport::default(), &track);
             assert_eq!((&phase["word"], &phase["why"]), (&word.into(), &why.into()));
+            assert_eq!(phase["over"], ending.is_some());
         }
     }
 }
