@@ -88,7 +88,10 @@ fn a_law_is_given_what_the_interface_says_and_its_answer_is_taken_as_it_is() {
     assert_eq!(telemetry.value[..8], shown);
     // What is not shown stays as it is.
     assert_eq!((telemetry.value[8], telemetry.value[31]), (99.0, 21.0));
-    assert!(!made.law.copy_into(&mut *made.twin), "it has no copy_into");
+    assert!(
+        !library.is_rehearsed && !made.law.copy_into(&mut *made.twin),
+        "it has no copy_into"
+    );
     let mut state = SavedState::new();
     assert!(made.law.transfer(&mut Fields::Write(&mut state)));
     let mut other = library.outer(&rig, &settings).unwrap().law;
