@@ -92,10 +92,11 @@ impl InjectedFault {
         self.what.split(',').filter_map(stop).max().unwrap_or(0)
     }
 
-    /// Ended by another fault's tick, where it would be on then; before it begins, it acts in no tick.
+    /// Ends the fault at a tick if it would act longer. If that is before it begins, it never acts.
     pub fn end(&mut self, tick: u64, period_s: f64) {
         let tick = tick.max(self.tick);
-        if !self.happens_once() && self.to_tick.is_none_or(|to| to > tick) {
+        let has_begun = tick > self.tick;
+        if !(has_begun && self.happens_once()) && self.to_tick.is_none_or(|to| to > tick) {
             (self.to_tick, self.to_s) = (Some(tick), Some(tick as f64 * period_s));
         }
     }

@@ -67,7 +67,7 @@ pub struct Bounds {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LawMargins {
     pub laws: Laws,
-    /// That of the gains it flew with. Tables of earlier versions have none.
+    /// The preset that it flew with; empty in tables of earlier versions.
     #[serde(default)]
     pub preset: String,
     pub fingerprint: String,

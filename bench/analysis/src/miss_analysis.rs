@@ -67,7 +67,7 @@ pub struct MissAnalysis {
 }
 
 impl MissAnalysis {
-    /// `leads_ns`: what each channel leaves to the plant's lead in a tick. `period_s`: of the flight's own time.
+    /// `leads_ns`: what each channel leaves to the plant's lead in a tick. `period_s`: length of a tick in flight time [s].
     pub fn new(
         grid: Grid,
         period_s: f64,

@@ -235,7 +235,8 @@ impl Rows {
         self.column(column, |cell| cell.is_some())
     }
 
-    /// A column of words, as their places among the `most` that come first, and these; all others are one more.
+    /// Each word of a column as its place in the list of the first `most` different ones, and this list; the rest count as
+    /// `others`, at its end.
     pub fn words(&self, column: &str, most: usize) -> Result<(Vec<u32>, Vec<String>), Failure> {
         let mut words = Vec::<String>::new();
         let mut places = Vec::new();

@@ -67,8 +67,8 @@ pub fn compare(args: &CompareArgs) -> Result<u8, Failure> {
         return fly_table(args, table, &combinations, &overrides);
     }
     if args.traces && !matches!(args.format, DiffFormat::Json) {
-        return Err(Failure::usage("--traces: only JSON has the curves")
-            .help("add --format json, or write them as a page: --page FILE.html"));
+        return Err(Failure::usage("--traces prints the curves as JSON")
+            .help("add --format json; a page has them in any case: --page FILE.html"));
     }
     let bound_m = args.recovered_below.unwrap_or(RECOVERED_BELOW_M);
     let plan = Plan::new(args, &combinations, &overrides, bound_m)?;

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crate::cli::MarginArgs;
 use crate::report_command::publish;
-use config::Settings;
+use config::{Settings, overrides};
 use errors::output::say;
 use errors::{Failure, OK, check_outputs};
 use experiments::combinations;
@@ -18,6 +18,8 @@ use experiments::margin::{Task, measure_all, table};
 use experiments::parallel::jobs;
 use process::signals::stop_flag;
 use render::margin::document;
+
+const DURATION: &str = "flight.duration_s";
 
 pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
     let stop = stop_flag()?;
@@ -44,8 +46,9 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
 }
 
 fn duration(args: &MarginArgs) -> Option<Duration> {
-    let duration_s = args.course.settings.get("flight.duration_s")?.as_float()?;
-    Some(Duration::from_secs_f64(duration_s))
+    let given = args.course.overrides();
+    let duration_s = overrides::value_of(&given, DURATION)?.as_float()?;
+    Duration::try_from_secs_f64(duration_s).ok()
 }
 
 /// Why no table is stored: reports would take it for the complete table with the default gates.
@@ -73,11 +76,11 @@ fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
     let laws = &args.laws;
     let most = combinations::PAGE_MAX;
     let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer, most)?;
-    let mut course = args.course.clone();
+    let mut given = args.course.overrides();
     // It gives the end of the phases, which may come before a fault of the file; flights have lengths of their own.
-    course.settings.unset("flight.duration_s");
-    let config = course.config.as_deref();
-    let mut settings = combinations::resolve(config, &course.overrides(), &combinations)?;
+    given.retain(|(flag, _)| overrides::parts(flag).1 != DURATION);
+    let config = args.course.config.as_deref();
+    let mut settings = combinations::resolve(config, &given, &combinations)?;
     if !settings[0].flight.faults.is_empty() {
         say(
             "warning: the faults of the settings file are ignored; margins are measured without other faults\n",

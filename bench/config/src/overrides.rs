@@ -24,6 +24,12 @@ pub fn parts(flag: &'static str) -> (Option<&'static str>, &'static str) {
     }
 }
 
+/// The value of a key, by whichever flag it was given last.
+pub fn value_of<'a>(given: &'a Overrides, key: &str) -> Option<&'a Value> {
+    let last = given.iter().rfind(|(flag, _)| parts(flag).1 == key);
+    last.map(|(_, value)| value)
+}
+
 /// Refuses a key that the same flag gives twice, as no order between the values is agreed.
 pub(super) fn check_twice<K: Display + Ord + Clone, V: Display>(
     given: impl IntoIterator<Item = (K, V)>,

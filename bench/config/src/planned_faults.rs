@@ -31,11 +31,11 @@ impl Settings {
 
     /// The planned faults of messages, stages and their processor, for the report.
     pub fn injected(&self) -> Result<Vec<InjectedFault>, Failure> {
-        self.injected_beside(&[])
+        self.planned_faults_beside(&[])
     }
 
     /// The same of a flight into which other faults were injected, which may end planned ones.
-    pub fn injected_beside(&self, live: &[LiveFault]) -> Result<Vec<InjectedFault>, Failure> {
+    pub fn planned_faults_beside(&self, live: &[LiveFault]) -> Result<Vec<InjectedFault>, Failure> {
         let period_s = self.flight.period_s;
         let planned = spans(&self.flight.faults, period_s)?;
         let planned = planned.into_iter().map(|fault| (fault, true));
@@ -51,7 +51,9 @@ impl Settings {
             let (ends, begins): (Vec<_>, Vec<_>) = kinds.partition(|(_, ends)| *ends);
             let is_ended = |kind: &FaultKind| ends.iter().any(|(end, _)| kind.is_ended_by(end));
             for (fault, kinds) in &mut injected {
-                if !kinds.is_empty() && kinds.iter().all(is_ended) {
+                let before = kinds.len();
+                kinds.retain(|kind| !is_ended(kind));
+                if before > 0 && kinds.is_empty() {
                     fault.end(from, period_s);
                 }
             }
@@ -187,9 +189,9 @@ pub fn check_possible(
     }
 }
 
-/// Refuses a priority that the kernel does not grant this process: a launcher's own for what is planned. One that is
-/// injected is asked for by the launcher later, which says so where it is refused there.
-pub fn check_priority(kind: &FaultKind) -> Result<(), Failure> {
+/// Refuses a priority that the kernel does not grant this process, the launcher of the flight. That of an injected fault
+/// is refused when it begins.
+fn check_priority(kind: &FaultKind) -> Result<(), Failure> {
     let priority = match kind.target {
         Target::Processor(of) => of.load(kind.value).0,
         Target::Message(..) | Target::Number(..) | Target::Stage(..) | Target::Channel(..) => 0,

@@ -137,9 +137,8 @@ fn resolve_one(
             overrides.extend(overrides::law(role, law)?);
         }
     }
-    let is_preset = |flag: &&(&'static str, Value)| overrides::parts(flag.0).1 == PRESET;
-    let asked = overrides.iter().rfind(is_preset);
-    let asked = asked.and_then(|(_, preset)| Some(preset.as_str()?.to_owned()));
+    let asked = overrides::value_of(&overrides, PRESET).and_then(Value::as_str);
+    let asked = asked.map(str::to_owned);
     let resolved = match (Settings::resolve(config, &overrides), asked) {
         (Err(refused), Some(asked)) => {
             overrides.push((PRESET, DEFAULT_PRESET.into()));

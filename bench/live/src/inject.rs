@@ -21,7 +21,7 @@ use plant::Target;
 
 use config::Settings;
 use config::airframe::PAPER;
-use config::planned_faults::{check_channel, check_end, check_possible, check_priority};
+use config::planned_faults::{check_channel, check_end, check_possible};
 use errors::Failure;
 use faults::grammar::{Change, Desired, RequestedValue, check_once, duration, joined, targets_of};
 use faults::plan::refused;
@@ -116,7 +116,7 @@ impl When {
     }
 }
 
-/// A time in ticks, rounded as that of a planned fault.
+/// A time in ticks, rounded to the nearest one.
 fn ticks(time: Duration, sample_time_ns: u64) -> u64 {
     let time_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
     time_ns.saturating_add(sample_time_ns / 2) / sample_time_ns.max(1)
@@ -264,12 +264,9 @@ fn inject_faults(
     let (wire, run) = flying(instance)?;
     let (in_lockstep, has_supervisor) = (run.period_ns == LOCKSTEP, run.launcher_pid != 0);
     for change in changes {
-        for (kind, ends) in change.kinds() {
+        for (kind, _) in change.kinds() {
             check_possible(&kind, &change.to_string(), in_lockstep, has_supervisor)?;
             check_channel(&kind, &change.to_string(), run.channels as usize)?;
-            if !ends {
-                check_priority(&kind)?;
-            }
         }
     }
     let period_s = run.sample_time_ns as f64 / 1e9;
@@ -277,7 +274,7 @@ fn inject_faults(
     if for_ticks == 0 {
         let tick_ms = period_s * 1e3;
         return Err(Failure::usage(format!(
-            "--for: it is less than a tick, which is {tick_ms} ms here"
+            "--for: it is less than half a tick: one is {tick_ms} ms here"
         )));
     }
     let faults = |span| changes.iter().flat_map(move |change| change.faults(span));

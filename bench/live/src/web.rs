@@ -141,7 +141,7 @@ impl Request {
                 "after {after:?}: a page may wait at most {LATEST:?}"
             ));
         }
-        let meant_for = match after.is_zero() {
+        let run_id = match after.is_zero() {
             true => None,
             false => {
                 let flight = flight(instance).map_err(|e| e.to_string())?;
@@ -150,7 +150,7 @@ impl Request {
         };
         sleep(after);
         let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(run_id) = meant_for {
+        if let Some(run_id) = run_id {
             still_flying(instance, run_id).map_err(|e| e.to_string())?;
         }
         injected(instance, &changes, When::NOW, lasts).map_err(|e| e.to_string())

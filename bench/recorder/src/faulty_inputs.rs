@@ -56,12 +56,15 @@ impl<C: Faulty> FaultyPort<C> {
 
 impl FaultyInputs {
     pub fn new(planned: LoopFaults, injected: Option<BlackboardReader<LiveBlackboard>>) -> Self {
+        // A recorder may join a flight into which faults were injected already.
+        let live = injected.as_ref().map(BlackboardReader::get);
+        let now = live.map_or(planned, |live| planned.with(&live));
         Self {
-            outer_states: FaultyPort::new(&planned, Port::OuterState),
-            inner_states: FaultyPort::new(&planned, Port::InnerState),
-            setpoints: FaultyPort::new(&planned, Port::InnerSetpoint),
-            wrenches: FaultyPort::new(&planned, Port::MixerWrench),
-            rotor_speeds: FaultyPort::new(&planned, Port::PlantRotorSpeeds),
+            outer_states: FaultyPort::new(&now, Port::OuterState),
+            inner_states: FaultyPort::new(&now, Port::InnerState),
+            setpoints: FaultyPort::new(&now, Port::InnerSetpoint),
+            wrenches: FaultyPort::new(&now, Port::MixerWrench),
+            rotor_speeds: FaultyPort::new(&now, Port::PlantRotorSpeeds),
             planned,
             injected,
         }

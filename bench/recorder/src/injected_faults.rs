@@ -12,21 +12,29 @@ use faults::grammar::{Fault, joined, planned_again};
 pub struct InjectedFaults {
     blackboard: Option<BlackboardReader<LiveBlackboard>>,
     pub faults: Vec<LiveFault>,
+    is_new: bool,
 }
 
 impl InjectedFaults {
     pub fn open(wire: &Wire) -> Result<Self, Error> {
+        let blackboard = wire.blackboard_reader::<LiveBlackboard>(LIVE)?;
+        // Those from before this process joined the flight.
+        let faults = blackboard.as_ref().map(BlackboardReader::get);
+        let faults: Vec<LiveFault> = faults.iter().flat_map(LiveBlackboard::iter).collect();
         Ok(Self {
-            blackboard: wire.blackboard_reader(LIVE)?,
-            faults: Vec::new(),
+            blackboard,
+            is_new: !faults.is_empty(),
+            faults,
         })
     }
 
     /// Reads the blackboard; returns all faults of the flight if there are new ones.
     pub fn update(&mut self) -> Option<&[LiveFault]> {
-        let published = self.blackboard.as_mut()?.news()?;
-        self.faults = published.iter().collect();
-        Some(&self.faults)
+        if let Some(published) = self.blackboard.as_mut()?.news() {
+            self.faults = published.iter().collect();
+            self.is_new = true;
+        }
+        std::mem::take(&mut self.is_new).then_some(&*self.faults)
     }
 }
 
@@ -69,7 +77,7 @@ mod tests {
         let off: Fault = "state.drop=off@tick5000".parse().unwrap();
         let off: Vec<LiveFault> = off.changes[0].faults(off.span(1e-3).unwrap()).collect();
         for (live, to_tick) in [(&off[..], Some(5000)), (&[], None)] {
-            let planned = settings.injected_beside(live).unwrap();
+            let planned = settings.planned_faults_beside(live).unwrap();
             assert_eq!(planned[0].to_tick, to_tick);
         }
     }

@@ -86,7 +86,7 @@ impl<'a> ReportBuilder<'a> {
             ..statistics.flight()
         };
         let live = &recorded.faults.faults;
-        let planned = settings.injected_beside(live)?;
+        let planned = settings.planned_faults_beside(live)?;
         let faults = [planned, injected(live, period_s)].concat();
         let autopsy = statistics.autopsy.as_ref().map(MissAnalysis::section);
         let mut autopsy =

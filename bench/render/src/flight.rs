@@ -550,7 +550,7 @@ fn processes<'a>(report: &'a Report) -> Vec<Block> {
     }
     // In lockstep the plant has no timer.
     if report.run.speed() != Speed::Lockstep {
-        // Its process counts the warm-up runs.
+        // The mixer's process counts the warm-up runs.
         let mixer = report.roles.get(Role::Mixer.name());
         let ticks = mixer.map_or(report.ticks.run, |it| it.ticks_run);
         blocks.push(Block::Paragraph(lead_line(&report.lead, ticks)));

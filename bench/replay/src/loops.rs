@@ -229,11 +229,15 @@ impl LoopsReplay {
         if !self.inner_state.has_faults() {
             return Ok(Some(had));
         }
-        Ok(self.states.input(of_state).map(|truth| {
-            self.faulty_state = *truth;
-            self.faulty_state.content.measured = had.content.measured;
-            &self.faulty_state
-        }))
+        if self
+            .states
+            .input_kept(of_state, &mut self.faulty_state)
+            .is_none()
+        {
+            return Ok(None);
+        }
+        self.faulty_state.content.measured = had.content.measured;
+        Ok(Some(&self.faulty_state))
     }
 }
 

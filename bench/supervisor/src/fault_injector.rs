@@ -197,7 +197,7 @@ impl FaultInjector {
     /// Cancels the faults that would begin at or after their end.
     fn cancel(&mut self, end: &LiveFault) {
         let never_begins = |fault: &LiveFault| {
-            !fault.ends && fault.kind.is_like(&end.kind) && fault.span.from >= end.span.from
+            !fault.ends && fault.kind.is_ended_by(&end.kind) && fault.span.from >= end.span.from
         };
         self.due
             .retain(|(_, action)| !matches!(action, Action::Inject(fault) if never_begins(fault)));
@@ -218,14 +218,17 @@ impl FaultInjector {
         due.sort_by_key(|(at, _)| *at);
         for (at, action) in due {
             match action {
-                Action::Inject(fault) => {
-                    if let Err(failure) = self.inject(&fault, run, grid, players) {
+                Action::Inject(fault) => match self.inject(&fault, run, grid, players) {
+                    Ok(begun_ns) => {
+                        let begun = grid.tick_at(begun_ns);
+                        let period_s = run.flight_time_s(1);
+                        self.delayed.extend(delayed(&fault, begun, period_s));
+                    }
+                    Err(failure) => {
                         let message = format!("a fault was not injected: {failure}");
                         self.messages.push(message);
                     }
-                    let (now, period_s) = (grid.tick_at(now_ns()), run.flight_time_s(1));
-                    self.delayed.extend(delayed(&fault, now, period_s));
-                }
+                },
                 Action::Continue(pid) => {
                     sleep_through(at);
                     if let Some(place) = self.stopped.iter().position(|known| *known == pid) {
@@ -238,25 +241,30 @@ impl FaultInjector {
         }
     }
 
+    /// Returns when it began [ns].
     fn inject(
         &mut self,
         fault: &LiveFault,
         run: &Run,
         grid: &Grid,
         players: &RoleProcesses<'_>,
-    ) -> Result<(), Failure> {
+    ) -> Result<u64, Failure> {
         let tick = fault.span.from;
-        // A signal is sent some ten microseconds after the tick has begun, and later if this thread has no processor.
-        let begin_ns = grid.begin_of(tick);
+        // The process of a load is started ahead and waits itself. A signal is sent some ten microseconds after the tick has
+        // begun, and later if this thread has no processor.
+        if fault.ends || !matches!(fault.kind.target, Target::Processor(_)) {
+            sleep_through(grid.begin_of(tick));
+        }
+        let begun_ns = now_ns();
         match fault.kind.target {
             Target::Processor(_) if fault.ends => {
-                sleep_through(begin_ns);
-                self.end_loads(|other| other.kind.is_like(&fault.kind) && other.span.from < tick);
+                self.end_loads(|other| {
+                    other.kind.is_ended_by(&fault.kind) && other.span.from < tick
+                });
             }
             Target::Processor(kind) => self.load(fault, kind.load(fault.kind.value), run, grid)?,
             Target::Stage(StageKind::Stop, ..) => {
                 let for_ns = fault.kind.value.integer();
-                sleep_through(begin_ns);
                 let pids = players.signal(fault, Signal::STOP)?;
                 // A late stop lasts as long as one at its tick.
                 let from_ns = grid.begin_of(tick.max(grid.tick_at(now_ns())));
@@ -268,7 +276,6 @@ impl FaultInjector {
                 self.stopped.extend(pids);
             }
             Target::Stage(StageKind::Kill, ..) => {
-                sleep_through(begin_ns);
                 let pids = players.signal(fault, Signal::KILL)?;
                 self.killed.extend(pids.into_iter().map(|pid| (pid, tick)));
             }
@@ -277,7 +284,7 @@ impl FaultInjector {
             | Target::Channel(..)
             | Target::Stage(StageKind::Late, ..) => {}
         }
-        Ok(())
+        Ok(begun_ns)
     }
 
     /// Starts a process that loads the processor during the fault's ticks, and no longer than the flight.

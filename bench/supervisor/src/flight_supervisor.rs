@@ -106,7 +106,7 @@ pub(super) struct FlightSupervisor {
     start_timeout: Duration,
     progress: StartProgress,
     outcome: Outcome,
-    /// Kills for lack of memory up to the last two looks: a process of the flight is one of them only if there is one more.
+    /// Number of kills for lack of memory at the last two looks. A killed process is one of them if the number has risen since.
     memory_kills: [u64; 2],
 }
 
@@ -382,8 +382,9 @@ impl FlightSupervisor {
                 || (memory_kills() > self.memory_kills[0]).then_some(KillReason::Memory);
             let killed = process.killed.or_else(by_fault).or_else(by_memory);
             let killed = killed.filter(|_| is_killed);
-            let is_known = u64::from(killed == Some(KillReason::Memory));
-            self.memory_kills = self.memory_kills.map(|kills| kills + is_known);
+            let [earlier, newest] = self.memory_kills;
+            let earlier = earlier + u64::from(killed == Some(KillReason::Memory));
+            self.memory_kills = [earlier, newest.max(earlier)];
             self.fault_injector.forget(pid);
             if !process.is_dismissed {
                 exits.push(ProcessExit {

@@ -180,7 +180,7 @@ impl FaultKind {
         self.role() == other.role() && channels.is_none_or(|(one, other)| one == other)
     }
 
-    /// Whether the end of a fault ends this one: of the same kind, at the same place or one that contains it.
+    /// Whether the end of a fault ends this one: of the same kind and place. That of all axes ends the fault of one.
     pub fn is_ended_by(&self, end: &Self) -> bool {
         let contains = match (end.target, self.target) {
             (Target::Number(.., whole), Target::Number(.., part)) => {

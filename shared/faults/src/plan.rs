@@ -152,7 +152,8 @@ pub fn refused(reason: FaultRefusal, fault: &LiveFault, period_s: f64) -> FaultE
     })
 }
 
-/// A time in periods; a whole number if it is one but for rounding: of the time, or of each period to whole nanoseconds.
+/// A time in periods; a whole number if only rounding makes the difference: of the time, or of the period to whole
+/// nanoseconds.
 pub(crate) fn periods(time_ns: u64, period_s: f64) -> f64 {
     let periods = Duration::from_nanos(time_ns).as_secs_f64() / period_s;
     let rounding = 1e-9 + 0.5e-9 / period_s;

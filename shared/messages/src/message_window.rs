@@ -44,8 +44,7 @@ impl<C: Topic> MessageWindow<C> {
         Some(&self.of(input_tick)?.1)
     }
 
-    /// The same for a stage that may use one message for long, as when those after it are lost: `used` keeps it, however far
-    /// the window has moved on.
+    /// As [`Self::input`], but keeps the input in `used`, so that it is still found after the window has dropped it.
     #[inline]
     pub fn input_kept<'a>(
         &self,

@@ -233,8 +233,8 @@ impl GroupSelection {
 
     /// Decides which group flies from a tick on, whose commands are the candidates. Returns the switchover, if there is one.
     ///
-    /// A group takes over only with a usable command. Without a request, that is a group after the active one; if the active
-    /// one has no usable command, it may be any.
+    /// A group takes over only with a usable command: the requested one, else beyond the limits one after the active one; if
+    /// the active one has no usable command, it may be any.
     pub fn decide(
         &mut self,
         tick: u64,
@@ -247,22 +247,23 @@ impl GroupSelection {
                 .filter(|it| it.chosen.is_usable())
         };
         let step = |selection: &Selection| self.command_step_rad_s(selection);
-        let takes_over = match requested.map(|it| self.arrangement.group(it)) {
-            Some(group) => (group != self.active && usable(group).is_some())
-                .then_some((group, SwitchoverReason::Requested)),
-            None => self.arrangement.simplex.and_then(|limits| {
-                let reason = match usable(self.active) {
-                    None => SwitchoverReason::Silent,
-                    Some(own) => limits.exceeded(excursion, step(&own))?,
-                };
-                let leaders = self.arrangement.leaders();
-                let later = leaders.clone().filter(|it| *it > self.active);
-                let earlier =
-                    leaders.filter(|it| *it < self.active && reason == SwitchoverReason::Silent);
-                let mut others = later.chain(earlier);
-                Some((others.find(|it| usable(*it).is_some())?, reason))
-            }),
+        let requested = requested.map(|it| self.arrangement.group(it));
+        let ready = requested.filter(|it| *it != self.active && usable(*it).is_some());
+        let by_limits = || {
+            let limits = self.arrangement.simplex?;
+            let reason = match usable(self.active) {
+                None => SwitchoverReason::Silent,
+                Some(own) => limits.exceeded(excursion, step(&own))?,
+            };
+            let leaders = self.arrangement.leaders();
+            let later = leaders.clone().filter(|it| *it > self.active);
+            let earlier =
+                leaders.filter(|it| *it < self.active && reason == SwitchoverReason::Silent);
+            let mut others = later.chain(earlier);
+            Some((others.find(|it| usable(*it).is_some())?, reason))
         };
+        let by_request = ready.map(|it| (it, SwitchoverReason::Requested));
+        let takes_over = by_request.or_else(by_limits);
         let switchover = takes_over.map(|(group, reason)| Switchover {
             tick,
             from: self.active as u64,
@@ -478,6 +479,16 @@ pub(crate) mod tests {
         guarded.fly(&select(&both(320.0)[1..]).unwrap());
         let to_a = guarded.decide(2, &both(320.0), Some(A), &tilted).unwrap();
         assert_eq!((to_a.to, to_a.command_step_rad_s), (0, 20.0));
+        // A request that waits for its group keeps no other one from taking over.
+        let mut three = GroupSelection::new(Arrangement {
+            groups: Channel::ALL,
+            simplex: Some(limits),
+            ..Arrangement::alike(3)
+        });
+        let c = [command(Channel::C, true, 300.0)];
+        let to_c = three.decide(1, &c, Some(B), &inside).unwrap();
+        let silent = SwitchoverReason::Silent as u64;
+        assert_eq!((to_c.to, to_c.reason), (Channel::C as u64, silent));
         assert!(guarded.is_ready(B, &both(1.0)) && !guarded.is_ready(B, &both(1.0)[..1]));
         let alike = GroupSelection::new(Arrangement::alike(2));
         assert!(!alike.is_ready(B, &both(1.0)), "it would change nothing");

@@ -126,14 +126,17 @@ impl ChannelSelection {
     fn switch(&mut self, tick: u64, candidates: &[Candidate], excursion: &Excursion) {
         let due = self.requested.filter(|(from, _)| *from <= tick);
         let channel = due.map(|(_, channel)| channel);
+        // Until its channel flies, a request waits. One whose channel flies already is met, whatever the limits then do.
+        let is_met = |groups: &GroupSelection| {
+            let flown = groups.group_at(tick);
+            channel.is_some_and(|it| groups.arrangement.are_alike(it, flown))
+        };
+        let was_met = is_met(&self.groups);
         let switchover = self.groups.decide(tick, candidates, channel, excursion);
         if let Some(switchover) = switchover {
             self.account.switch(switchover);
         }
-        let arrangement = &self.groups.arrangement;
-        let is_flown = |it: Channel| arrangement.are_alike(it, self.groups.group_at(tick));
-        // Until the channel is ready, the request waits.
-        if channel.is_some_and(is_flown) {
+        if was_met || is_met(&self.groups) {
             self.requested = None;
         }
     }

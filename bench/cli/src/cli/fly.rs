@@ -15,7 +15,7 @@ use crate::report_command;
 use analysis::baseline::Baseline;
 use analysis::schema::{FlightVerdict, Report};
 use config::law_settings::Chosen;
-use config::{PaceName, Settings};
+use config::{PaceName, Settings, overrides};
 use errors::output::{print, say};
 use errors::{Failure, INTERRUPTED, InFile as _, OK, check_outputs, open_file};
 use host::cpu_times::hostname;
@@ -67,7 +67,7 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     let file = args.flight.course.config.as_deref();
     let mut settings = Settings::resolve(file, &overrides)?;
     settings.check_faults_of_processes(true)?;
-    let channel_cpus = args.rt.settings.get("rt.channel_cpus");
+    let channel_cpus = overrides::value_of(&overrides, "rt.channel_cpus");
     if channel_cpus == Some(&Value::from(2)) && settings.rt.channels == 1 {
         return Err(Failure::usage("--channel-cpus: the flight has one channel")
             .help("leave it out, or fly with more: --channels 2"));

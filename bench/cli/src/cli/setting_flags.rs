@@ -33,17 +33,6 @@ impl<const GROUP: u8> SettingFlags<GROUP> {
         self.0.iter().filter(is_setting).cloned().collect()
     }
 
-    /// The value that a flag gave to the setting `path`.
-    pub fn get(&self, path: &str) -> Option<&Value> {
-        let given = self.0.iter().find(|(given, _)| *given == path);
-        given.map(|(_, value)| value)
-    }
-
-    /// Removes what a flag gave to the setting `path`.
-    pub fn unset(&mut self, path: &str) {
-        self.0.retain(|(given, _)| *given != path);
-    }
-
     /// Whether `--loop-cpus auto` asks for trial flights, whose result is the setting.
     pub fn tries_loop_cpus(&self) -> bool {
         self.0.iter().any(|(path, value)| is_trial(path, value))

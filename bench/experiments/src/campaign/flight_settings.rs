@@ -28,7 +28,7 @@ pub struct Plan {
     pub text: String,
     pub identity: Identity,
     pub timings: Timings,
-    /// The settings of the first flight by each arm, also with each inner law that is drawn.
+    /// The settings of the first flight of each arm, also with each drawn inner law: whether a firmware flies.
     pub flown: Vec<Settings>,
 }
 
@@ -296,14 +296,12 @@ fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
         if there.campaign != plan.identity.campaign {
             let mut factors = plan.campaign.factors.iter();
             let latin = factors.find(|it| matches!(it.distribution, Distribution::Latin { .. }));
-            let latin = latin.map_or(String::new(), |it| {
-                format!(
-                    ", or in that number, on which the latin factor {} depends",
-                    it.name
-                )
+            let how = latin.map_or("in more than its number of flights".into(), |it| {
+                let name = &it.name;
+                format!("(with its latin factor {name}, the number of flights must stay, too)")
             });
             return Err(Failure::usage(format!(
-                "{place} holds another campaign: the file has changed in more than its number of flights{latin}"
+                "{place} holds another campaign: the file has changed {how}"
             ))
             .help("fly it into another directory (--out DIR), or remove this one"));
         }

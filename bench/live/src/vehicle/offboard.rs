@@ -133,13 +133,17 @@ pub fn of_setpoint(
     if has_yaw && !it.yaw.is_finite() {
         return Err(format!("yaw of the setpoint: {} is no angle", it.yaw));
     }
-    let yaw_rad = if has_yaw { yaw_of(it.yaw) } else { f64::NAN };
+    let yaw_rad = if has_yaw {
+        yaw_of(meant(it.yaw))
+    } else {
+        f64::NAN
+    };
     order(target, yaw_rad, false, flight)
 }
 
 /// The yaw of a heading [rad]; NaN of none.
-fn yaw_of(heading_rad: f32) -> f64 {
-    turned_angles([0.0, 0.0, meant(heading_rad).rem_euclid(TAU)])[2]
+fn yaw_of(heading_rad: f64) -> f64 {
+    turned_angles([0.0, 0.0, heading_rad.rem_euclid(TAU)])[2]
 }
 
 /// A command, in whichever of the two messages it came.
@@ -221,9 +225,9 @@ impl Place {
 pub fn of_command(command: &Command, flight: &WatchedFlight) -> Result<TargetOrder, Refused> {
     let (name, [first, .., heading]) = (command.name, command.parameters);
     let heading_rad = match name {
-        MavCmd::MAV_CMD_DO_REPOSITION => heading,
-        // By the specification, those of a take-off and of a landing are in degrees.
-        _ => heading.to_radians(),
+        // In degrees, by MAVLink's description of these two.
+        MavCmd::MAV_CMD_NAV_TAKEOFF | MavCmd::MAV_CMD_NAV_LAND => meant(heading).to_radians(),
+        _ => meant(heading),
     };
     let height_m = match name {
         MavCmd::MAV_CMD_DO_SET_MODE if command.mode() == Some(Mode::Hold) => return Ok(HOLD),

@@ -370,8 +370,10 @@ impl Vehicle {
             _ if !is_named => return,
             MAV_CMD_SET_MESSAGE_INTERVAL => self.set_interval(first, second),
             MAV_CMD_INJECT_FAILURE => self.inject([first, second, third], flight),
-            MAV_CMD_COMPONENT_ARM_DISARM if flight.ending.is_some() => Err(no_flight()),
-            MAV_CMD_COMPONENT_ARM_DISARM if first == 1.0 => Ok(Accepted::Now),
+            MAV_CMD_COMPONENT_ARM_DISARM if first == 1.0 => match flight.ending {
+                Some(_) => Err(no_flight()),
+                None => Ok(Accepted::Now),
+            },
             MAV_CMD_COMPONENT_ARM_DISARM | MAV_CMD_DO_FLIGHTTERMINATION => Err(denied(ENDS)),
             MAV_CMD_NAV_TAKEOFF
             | MAV_CMD_NAV_LAND
@@ -510,10 +512,7 @@ impl Vehicle {
             ));
         }
         let Some(what) = failure.what.clone() else {
-            return match self.allows_control {
-                true => Ok(Accepted::Now),
-                false => Err(denied(READ_ONLY)),
-            };
+            return self.check_may_change(flight).map(|()| Accepted::Now);
         };
         let purpose = Purpose::Command(MavCmd::MAV_CMD_INJECT_FAILURE, Some(failure));
         self.ask(What::Line(what), purpose, flight)

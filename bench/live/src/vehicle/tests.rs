@@ -696,7 +696,7 @@ fn commands_climb_descend_move_and_hold() {
     for message in [
         long(MAV_CMD_NAV_TAKEOFF, nothing, nothing, nothing),
         long(MAV_CMD_NAV_TAKEOFF, nothing, 90.0, 7.0),
-        long(MAV_CMD_NAV_LAND, nothing, nothing, nothing),
+        long(MAV_CMD_NAV_LAND, nothing, 180.0, nothing),
         long(MAV_CMD_DO_PAUSE_CONTINUE, 0.0, nothing, nothing),
         command(MAV_CMD_DO_SET_MODE, HOLD),
         int(relative, i32::MAX, i32::MAX, 4.0),

@@ -214,7 +214,7 @@ const showNews = (it) => {
   tile("track", track);
   tile("timing", timing);
   tile("theorem", theorem);
-  const isOver = it.phase.over;
+  const isOver = it.phase.is_over;
   const { broken } = it, why = broken.length ? [...broken] : ["all processes run, no fault acts"];
   if (it.changed.length) why.push(`changed: ${it.changed.join(", ")}`);
   tile("broken", isOver ? { word: "-", why: "no flight", tone: "open" } : {
@@ -264,7 +264,7 @@ const showMisses = (it) => {
 };
 
 const showChannels = (it) => {
-  const { redundancy } = it, isOver = it.phase.over;
+  const { redundancy } = it, isOver = it.phase.is_over;
   const counts = `processes: ${it.failed} failed, ${it.restarted} restarted`;
   const flown = Object.entries(redundancy?.ticks_flown ?? {}).map((it) => it.join(" ")).join(", ");
   byId("channels").replaceChildren(...(redundancy ? [make("b", {}, `Channel ${redundancy.active} flies`), `, ${redundancy.handovers} handovers; ticks flown: ${flown}; ${counts}`] : [counts]));
@@ -374,7 +374,7 @@ const banner = (text, isCalm = false) => {
 const UNKNOWN = { word: "unknown", why: "the page has no connection", tone: "bad" };
 const lose = (why) => {
   banner(why);
-  if (news?.flight?.phase.over === false) ["phase", "track", "timing", "broken", "theorem"].forEach((it) => tile(it, UNKNOWN));
+  if (news?.flight?.phase.is_over === false) ["phase", "track", "timing", "broken", "theorem"].forEach((it) => tile(it, UNKNOWN));
   requests.forEach((answered) => answered(false, "the connection was lost before the answer"));
   requests.clear();
 };
@@ -386,7 +386,7 @@ const connect = () => {
     show[text.kind](text);
   };
   socket.onclose = ({ code, reason }) => {
-    if (code === 1001 && news?.flight?.phase.over) {
+    if (code === 1001 && news?.flight?.phase.is_over) {
       return banner(`${byId("banner").textContent} This page's server has ended, too.`, true);
     }
     if (code === 1001) return lose(`${reason}: start it again and open its new address.`);

@@ -155,8 +155,8 @@ fn phase(flight: &WatchedFlight, filed: &FiledReport, track: &Explained<FlightVe
             ("ended", why, Some(false))
         }
     };
-    let over = flight.ending.is_some();
-    json!({"word": word, "why": why, "tone": tone(is_good), "over": over})
+    let is_over = flight.ending.is_some();
+    json!({"word": word, "why": why, "tone": tone(is_good), "is_over": is_over})
 }
 
 /// Missing processes, active faults and stages that use old data, at this moment.
@@ -448,7 +448,7 @@ mod tests {
             let track = Explained::new(track, "below ground".into());
             let phase = phase(flight, &FiledReport::default(), &track);
             assert_eq!((&phase["word"], &phase["why"]), (&word.into(), &why.into()));
-            assert_eq!(phase["over"], ending.is_some());
+            assert_eq!(phase["is_over"], ending.is_some());
         }
     }
 }
