@@ -47,7 +47,9 @@ pub fn margin(args: &MarginArgs) -> Result<u8, Failure> {
 
 fn duration(args: &MarginArgs) -> Option<Duration> {
     let given = args.course.overrides();
-    let duration_s = overrides::value_of(&given, DURATION)?.as_float()?;
+    let value = overrides::value_of(&given, DURATION)?;
+    let whole_s = value.as_integer().map(|whole| whole as f64);
+    let duration_s = value.as_float().or(whole_s)?;
     Duration::try_from_secs_f64(duration_s).ok()
 }
 

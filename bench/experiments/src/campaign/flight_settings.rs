@@ -298,7 +298,7 @@ fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
             let latin = factors.find(|it| matches!(it.distribution, Distribution::Latin { .. }));
             let how = latin.map_or("in more than its number of flights".into(), |it| {
                 let name = &it.name;
-                format!("(with its latin factor {name}, the number of flights must stay, too)")
+                format!("in more than its number of flights, or in that, on which its latin factor {name} depends")
             });
             return Err(Failure::usage(format!(
                 "{place} holds another campaign: the file has changed {how}"
