@@ -34,7 +34,7 @@ impl Settings {
         self.planned_faults_beside(&[])
     }
 
-    /// The same of a flight into which other faults were injected, which may end planned ones.
+    /// The planned faults of a flight into which the `live` ones were injected, each up to the fault that ends it.
     pub fn planned_faults_beside(&self, live: &[LiveFault]) -> Result<Vec<InjectedFault>, Failure> {
         let period_s = self.flight.period_s;
         let planned = spans(&self.flight.faults, period_s)?;

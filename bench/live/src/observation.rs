@@ -133,10 +133,9 @@ impl Observation {
         flight.redundancy = self.redundancy.as_ref().map(BlackboardReader::get);
         if let Some(live) = self.faults.update() {
             flight.injected = injected(live, flight.run.flight_time_s(1));
-            flight.planned = flight
-                .settings
-                .planned_faults_beside(live)
-                .unwrap_or_default();
+            if let Ok(planned) = flight.settings.planned_faults_beside(live) {
+                flight.planned = planned;
+            }
         }
         flight.update_steal();
         // In this order: a recorder that ends with the flight has not failed, and one that failed before stays failed.

@@ -36,8 +36,8 @@ pub fn sleep_through(instant_ns: u64) -> u64 {
     }
 }
 
-/// Keeps the processor busy for a time [ns]. It gives it away for an instant every 250 ms: the kernel ends a thread that
-/// runs longer than its RLIMIT_RTTIME without waiting.
+/// Keeps the processor busy for a time [ns]. Sleeps for an instant every 250 ms, because the kernel ends a thread that runs
+/// longer than RLIMIT_RTTIME without blocking.
 pub fn busy_wait(ns: u64) {
     const AT_ONCE_NS: u64 = 250_000_000;
     const INSTANT_NS: u64 = 1_000;

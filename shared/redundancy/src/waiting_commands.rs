@@ -145,6 +145,7 @@ impl ChannelSelection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::selection::SimplexLimits;
     use messages::role::Role;
 
     fn message(tick: u64, input_tick: u64, thrust_n: f64) -> Message<RotorSpeeds> {
@@ -209,6 +210,34 @@ mod tests {
         offer(&mut selection, 5);
         assert_eq!(decided(&mut selection, 6), [(5, 2.0, 6)]);
         assert_eq!(selection.redundancy().switchovers()[0].tick, 5);
+    }
+
+    #[test]
+    fn a_request_for_the_channel_that_flies_undoes_no_takeover_of_its_tick() {
+        let simplex = SimplexLimits {
+            tilt_max_rad: f64::INFINITY,
+            rate_max_rad_s: f64::INFINITY,
+            error_max_m: f64::INFINITY,
+            command_step_max_rad_s: f64::INFINITY,
+        };
+        let arrangement = Arrangement {
+            groups: Channel::ALL,
+            simplex: Some(simplex),
+            ..Arrangement::alike(2)
+        };
+        let mut selection = ChannelSelection::new(arrangement, 8);
+        let offer = |selection: &mut ChannelSelection, tick| {
+            selection.offer(Channel::A, &message(tick, tick, 1.0), tick + 1);
+            selection.offer(Channel::B, &message(tick, tick, 2.0), tick + 1);
+        };
+        offer(&mut selection, 0);
+        assert_eq!(decided(&mut selection, 1), [(0, 1.0, 1)]);
+        // Channel a is silent in the tick for which it is requested.
+        selection.request(1, Channel::A);
+        selection.offer(Channel::B, &message(1, 1, 2.0), 2);
+        assert_eq!(decided(&mut selection, 2), [(1, 2.0, 2)]);
+        offer(&mut selection, 2);
+        assert_eq!(decided(&mut selection, 3), [(2, 2.0, 3)]);
     }
 
     #[test]

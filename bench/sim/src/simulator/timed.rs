@@ -21,7 +21,7 @@ pub struct Timed {
     states: MessageWindow<State>,
     setpoints: MessageWindow<Setpoint>,
     wrenches: MessageWindow<Wrench>,
-    /// What the outer loop, the inner loop and the mixer used last.
+    /// Inputs that the outer loop, the inner loop and the mixer used last.
     outer_used: Stamped<State>,
     inner_used: (Stamped<State>, Stamped<Setpoint>),
     mixer_used: Stamped<Wrench>,
