@@ -180,11 +180,15 @@ impl FaultKind {
         self.role() == other.role() && channels.is_none_or(|(one, other)| one == other)
     }
 
-    /// Whether the end of a fault ends this one: of the same kind and place. That of all axes ends the fault of one.
+    /// Whether the end of a fault ends this one: of the same kind and place. That of all axes ends the fault of one, and
+    /// that of a stage in all channels ends the fault in one channel.
     pub fn is_ended_by(&self, end: &Self) -> bool {
         let contains = match (end.target, self.target) {
             (Target::Number(.., whole), Target::Number(.., part)) => {
                 whole.axis.is_none() || whole.axis == part.axis
+            }
+            (Target::Stage(.., whole), Target::Stage(.., part)) => {
+                whole.is_none() || whole == part
             }
             _ => true,
         };
@@ -199,6 +203,9 @@ impl FaultKind {
             }
             (Target::Number(kind, port, place), Target::Number(other_kind, at, other_place)) => {
                 (kind, port) == (other_kind, at) && place.overlaps(other_place)
+            }
+            (Target::Stage(kind, ..), Target::Stage(other_kind, ..)) => {
+                kind == other_kind && self.overlaps(other)
             }
             (one, other) => one == other,
         }

@@ -371,6 +371,12 @@ mod tests {
             ("outer.late=off@tick300", Err(NothingToEnd)),
             ("inner.late=off@tick300", Ok(())),
             ("inner.late=off@tick300", Err(NothingToEnd)),
+            // All channels end the fault of one, and one does not end that of all.
+            ("b.inner.late=1ms@tick1000..tick2000", Ok(())),
+            ("a.inner.late=off@tick1100", Err(NothingToEnd)),
+            ("inner.late=off@tick1100", Ok(())),
+            ("mixer.late=1ms@tick1000..tick2000", Ok(())),
+            ("b.mixer.late=off@tick1100", Err(NothingToEnd)),
             ("inner.stop=1ms@tick300", Ok(())),
             ("b.outer.stop=1ms@tick300", Ok(())),
             ("c.outer.stop=1ms@tick300", Ok(())),
