@@ -187,9 +187,7 @@ impl FaultKind {
             (Target::Number(.., whole), Target::Number(.., part)) => {
                 whole.axis.is_none() || whole.axis == part.axis
             }
-            (Target::Stage(.., whole), Target::Stage(.., part)) => {
-                whole.is_none() || whole == part
-            }
+            (Target::Stage(.., whole), Target::Stage(.., part)) => whole.is_none() || whole == part,
             _ => true,
         };
         contains && self.is_like(end)

@@ -1,5 +1,7 @@
 //! The monotonic clock, which all processes of a machine share.
 
+use std::cell::Cell;
+
 use messages::grid::{NS_PER_S, Pace};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
@@ -36,17 +38,17 @@ pub fn sleep_through(instant_ns: u64) -> u64 {
     }
 }
 
-/// Keeps the processor busy for a time [ns]. Sleeps for an instant every 250 ms, because the kernel ends a thread that runs
-/// longer than RLIMIT_RTTIME without blocking.
+/// Keeps the processor busy for a time [ns]. Sleeps for an instant if this thread has not done so here for 250 ms: the
+/// kernel ends a thread that runs longer than RLIMIT_RTTIME without blocking, as one does that is late in every tick.
 pub fn busy_wait(ns: u64) {
     const AT_ONCE_NS: u64 = 250_000_000;
     const INSTANT_NS: u64 = 1_000;
+    thread_local!(static SLEPT_NS: Cell<u64> = const { Cell::new(0) });
     let until_ns = now_ns().saturating_add(ns);
-    let mut part_ns = now_ns() + AT_ONCE_NS;
     while now_ns() < until_ns {
-        if now_ns() >= part_ns {
+        if now_ns() >= SLEPT_NS.get() + AT_ONCE_NS {
             sleep_until(now_ns() + INSTANT_NS);
-            part_ns = now_ns() + AT_ONCE_NS;
+            SLEPT_NS.set(now_ns());
         }
         std::hint::spin_loop();
     }
@@ -76,5 +78,24 @@ impl<F: Fn() -> u64 + Copy> Horizon for F {
 impl Horizon for u64 {
     fn latest_tick(&self) -> u64 {
         *self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_is_busy_again_and_again_blocks_within_half_a_second() {
+        let times_blocked = || -> u64 {
+            let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
+            let mut lines = status.lines();
+            let times = lines.find_map(|it| it.strip_prefix("voluntary_ctxt_switches:"));
+            times.unwrap().trim().parse().unwrap()
+        };
+        busy_wait(1);
+        let before = times_blocked();
+        (0..100).for_each(|_| busy_wait(5_000_000));
+        assert!(times_blocked() > before);
     }
 }
