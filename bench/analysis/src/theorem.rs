@@ -74,7 +74,7 @@ pub struct Theorem {
     /// Changes of the true value of an estimated parameter; a ramp is one.
     pub live_swaps: u64,
     pub estimates: Vec<Watched>,
-    /// Excitation of the worst direction in the last whole 10 s, e-folds of the error.
+    /// Excitation of the worst direction in the last window of at most 10 s, e-folds of the error.
     pub excitation: f64,
     pub excitation_least: f64,
     pub innovation: InnovationSection,
@@ -330,7 +330,7 @@ pub struct Watched {
     /// How much rounding and the trapezoidal rule may add to the bound.
     #[serde(default)]
     pub error_allowed: f64,
-    /// Excitation of this parameter alone in the last whole 10 s, e-folds of the error.
+    /// Excitation of this parameter alone in the last window of at most 10 s, e-folds of the error.
     pub identifiability: f64,
     /// Whether it is within 1 % ([`FOUND`]).
     pub found: bool,
@@ -587,7 +587,7 @@ fn convergence(monitor: &Monitor, estimates: &[Watched], broken: &[String]) -> S
     };
     let exciting = monitor.excitation_least >= EXCITING;
     let least = monitor.excitation_least;
-    let least = format!("at least {least:.2e} e-folds of the error in any 10 s");
+    let least = format!("at least {least:.2e} e-folds of the error in any window of at most 10 s");
     let lost = names(&|e| !e.found);
     if lost.is_empty() {
         let is = match exciting {

@@ -83,8 +83,8 @@ fn watched(theorem: &Theorem) -> Vec<String> {
             count(theorem.live_swaps, "change")
         ),
         format!(
-            "excitation of the worst direction: {:.3e} e-folds of the error in the last 10 s, {:.3e} in the least of \
-             all 10 s",
+            "excitation of the worst direction: {:.3e} e-folds of the error in the last window of at most \
+             10 s, {:.3e} in the least exciting one",
             theorem.excitation, theorem.excitation_least
         ),
         theorem.convergence.clone(),
