@@ -95,6 +95,14 @@ pub struct Figures {
     pub trace: Option<Group>,
 }
 
+impl Figures {
+    /// The longest recovery from a fault [s]; none without a fault, and where there was no recovery from one.
+    pub fn longest_recovery_s(&self) -> Option<f64> {
+        let each: Option<Vec<f64>> = self.recovery_s.iter().copied().collect();
+        each?.into_iter().max_by(f64::total_cmp)
+    }
+}
+
 /// Channel of the trace: distance of the true position from the reference [m].
 pub const TRUE_ERROR: &str = "true_position_error_m";
 /// Channel of the trace: sum of the cubed rotor speeds, as a multiple of that in hover.

@@ -2,6 +2,7 @@
 //!
 //! Every flight has two gates; the others are requested. A gate that measured nothing does not hold.
 
+use crate::faults::ProcessFailure;
 use crate::phrase::{beside, count};
 use crate::schema::{
     AGITATION, AcceptanceResult, ControlPerformance, Explained, FlightStatus, Gate, NOT_FRESH,
@@ -218,6 +219,7 @@ fn per_million(report: &Report, what: &str, count: u64) -> Measured {
 }
 
 /// Of the stage of all channels that has most of them: the plant has no input that could be stale, nor has the recorder.
+/// A process counts its own ticks, so nothing is known of a stage whose process was replaced.
 fn stale(report: &Report) -> Measured {
     let rate = |(name, stage): (&String, &RoleSection)| {
         let rate = stage.ticks_stale as f64 * 1e6 / stage.ticks_run as f64;
@@ -227,6 +229,11 @@ fn stale(report: &Report) -> Measured {
         (has_input && stage.ticks_run > 0).then(|| (rate, name.clone()))
     };
     on_the_clock(report, "stale ticks per million".into(), || {
+        if let Some(ProcessFailure { role, .. }) = report.deaths.first() {
+            return Err(format!(
+                "a process of {role} failed, and its ticks are not counted"
+            ));
+        }
         let rates = report.roles.iter().filter_map(rate);
         let worst = rates.max_by(|a, b| a.0.total_cmp(&b.0));
         let (rate, stage) = worst.ok_or("no stage worked a tick")?;

@@ -83,11 +83,12 @@ fn walk(value: &mut Value, place: String, wrong: &mut Vec<String>) {
     /// The first wrong values are enough, and a file may have millions.
     const NAMED: usize = 20;
     const LARGEST: f64 = 1e30;
-    /// Of ticks, counts and bytes, of which some are added up; the run's number is a time.
+    /// Of ticks, counts and bytes, of which some are added up. The run's number and the epochs of processes are instants.
     const LARGEST_WHOLE: f64 = 1e15;
     // A number that a law showed of itself may be any, and its charts bear it.
     let is_telemetry = place.starts_with("run.laws.") && place.contains(".telemetry[")
         || place.starts_with("traces.telemetry.");
+    let is_instant = place == "run.run_id" || place.ends_with(".epoch");
     let is_beyond = |number: &Number, most: f64| number.as_f64().is_none_or(|it| it.abs() > most);
     let what = match value {
         Value::Array(values) => {
@@ -99,7 +100,7 @@ fn walk(value: &mut Value, place: String, wrong: &mut Vec<String>) {
             let places = keys.iter_mut();
             return places.for_each(|(key, it)| walk(it, format!("{place}{dot}{key}"), wrong));
         }
-        Value::Number(it) if !it.is_f64() && place != "run.run_id" => is_beyond(it, LARGEST_WHOLE)
+        Value::Number(it) if !it.is_f64() && !is_instant => is_beyond(it, LARGEST_WHOLE)
             .then(|| format!("{place} = {it} is no count of a flight: allowed are those up to {LARGEST_WHOLE:e}")),
         Value::Number(it) => (is_beyond(it, LARGEST) && !(is_telemetry && it.as_f64().is_some()))
             .then(|| format!("{place} = {it} is no number of a flight: allowed are those up to {LARGEST:e}")),

@@ -272,7 +272,7 @@ pub struct InnovationSection {
     /// Correlation of the unfiltered innovation with that of the step before: noise has none, a missing cause has.
     pub correlation: f64,
     pub says: ResidualCause,
-    /// Steps of the present process in which a bound held an estimate back, where there are any.
+    /// Steps in which a bound held an estimate back, where there are any.
     pub steps_at_bound: BTreeMap<String, u64>,
 }
 
@@ -290,7 +290,7 @@ pub enum ResidualCause {
 }
 
 impl InnovationSection {
-    fn of(innovation: &Innovation) -> Self {
+    fn of(innovation: &Innovation, at_bound_before: [u64; 3]) -> Self {
         /// Correlation from which on the innovation is no noise.
         const LASTING: f64 = 0.5;
         let names = ESTIMATED.map(|parameter| parameter.name().to_owned());
@@ -311,7 +311,8 @@ impl InnovationSection {
             },
             steps_at_bound: names
                 .into_iter()
-                .zip(innovation.steps_at_bound)
+                .zip(innovation.steps_at_bound.iter().zip(at_bound_before))
+                .map(|(name, (steps, before))| (name, steps + before))
                 .filter(|(_, steps)| *steps > 0)
                 .collect(),
         }
@@ -346,6 +347,8 @@ pub struct TheoremStatistics {
     /// True values at the wrench that was watched last.
     theta_watched: [f64; 3],
     error_allowed: [f64; 3],
+    /// Steps in which a bound held back an estimate, by monitors that have ended.
+    at_bound_before: [u64; 3],
     /// Values that the airframe was built with, if it is not the nominal one: an estimate of a parameter that is 0 is held
     /// against them.
     built: Option<[f64; 3]>,
@@ -401,7 +404,14 @@ impl TheoremStatistics {
 
     /// Takes from the monitor what its messages do not have.
     pub fn monitored(&mut self, monitor: &FlightMonitor) {
-        self.innovation = monitor.innovation();
+        let innovation = monitor.innovation();
+        for (i, before) in self.at_bound_before.iter_mut().enumerate() {
+            // A monitor that begins anew counts from 0.
+            if innovation.steps_at_bound[i] < self.innovation.steps_at_bound[i] {
+                *before += self.innovation.steps_at_bound[i];
+            }
+        }
+        self.innovation = innovation;
         self.error_allowed = monitor.error_allowed();
         self.rate_error_rad_s = monitor.rate_error_rad_s().unwrap_or(self.rate_error_rad_s);
         self.rate_error_rms_rad_s = monitor.rate_error_rms_rad_s();
@@ -457,7 +467,7 @@ impl TheoremStatistics {
             ticks: self.ticks,
             ticks_judged: self.judged,
             ticks_unwatched: self.unwatched,
-            innovation: InnovationSection::of(&self.innovation),
+            innovation: InnovationSection::of(&self.innovation, self.at_bound_before),
             rate_error_final_rad_s: self.rate_error_rad_s,
             ..section
         }

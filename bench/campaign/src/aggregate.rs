@@ -57,16 +57,20 @@ pub fn of(
                 }));
         }
     }
+    let flights = rows.flights()?;
+    // Only the recovery may have no value, and without a fault none is missing.
+    let is_known = |arm: usize, (value, flight): (f64, u64)| {
+        !value.is_nan() || campaign.is_faulted(&campaign.arms[arm], flight)
+    };
     let mut pairs = all.pairs();
     for metric in METRICS {
         let values = rows.numbers(metric.name)?;
         for (arm, results) in arms.iter_mut().enumerate() {
-            // Only the recovery may have no value, and without a fault none is missing.
-            let is_asked = campaign.has_faults(&campaign.arms[arm]);
-            let values = all.of_arm(&values, arm);
+            let values = all.of_arm(&values, arm).zip(all.of_arm(&flights, arm));
+            let known = values.filter(|of_flight| is_known(arm, *of_flight));
             results.metrics.push(Of {
                 name: metric.name.into(),
-                is: distribution(values.filter(|value| is_asked || !value.is_nan())),
+                is: distribution(known.map(|(value, _)| value)),
             });
         }
         for ([first, second], pair) in &mut pairs {

@@ -95,6 +95,19 @@ impl Campaign {
                 .is_some_and(|faults| !faults.is_empty())
     }
 
+    /// Whether a flight by an arm has faults from which it may recover: it may draw none.
+    pub fn is_faulted(&self, arm: &Variant, flight: u64) -> bool {
+        let mut factors = self.factors.iter();
+        match factors.find(|factor| factor.name == "flight.faults") {
+            Some(factor) if self.faults.is_empty() => {
+                let stream = Stream::new(self.seed, &factor.name);
+                let drawn = factor.distribution.draw(stream, flight);
+                drawn.as_array().is_some_and(|faults| !faults.is_empty())
+            }
+            _ => self.has_faults(arm),
+        }
+    }
+
     /// What a flight draws, in the order of the factors: of its number and the seed alone.
     pub fn draws(&self, flight: u64) -> Vec<Value> {
         let draw = |factor: &Factor| {

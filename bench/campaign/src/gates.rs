@@ -18,6 +18,9 @@ pub struct Metric {
     pub meaning: &'static str,
 }
 
+/// The metric that only a flight with faults has.
+const RECOVERY: &str = "recovery_max_s";
+
 const fn metric(name: &'static str, unit: &'static str, meaning: &'static str) -> Metric {
     Metric {
         name,
@@ -41,7 +44,7 @@ pub const METRICS: [Metric; 14] = [
         "largest true position error of the last 5 s",
     ),
     metric(
-        "recovery_max_s",
+        RECOVERY,
         "s",
         "longest time from a fault until the errors stayed below recovered_below_m and recovered_yaw_below_rad",
     ),
@@ -138,6 +141,8 @@ impl Gates {
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
+    /// Whether the flight had faults from which it could recover.
+    pub is_faulted: bool,
     pub lost: Option<String>,
     pub metrics: [Option<f64>; METRICS.len()],
     /// Smallest and largest value of each signal with a gate, [`UNSET`] if it was never set; none if the flight's laws
@@ -151,11 +156,12 @@ pub struct Outcome {
 pub const UNSET: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
 impl Gates {
-    /// Which gates held, in the order of [`Gates::names`]; none of those that are not of this flight's laws. A gate
-    /// that measured nothing did not hold.
+    /// Which gates held, in the order of [`Gates::names`]; none of those that are not of this flight's laws, or of the
+    /// recovery from faults that it did not have. A gate that measured nothing did not hold.
     pub fn held(&self, outcome: &Outcome) -> Vec<Option<bool>> {
         let within = |(place, most): &(usize, f64)| {
-            Some(outcome.metrics[*place].is_some_and(|value| value <= *most))
+            let is_asked = outcome.is_faulted || METRICS[*place].name != RECOVERY;
+            is_asked.then(|| outcome.metrics[*place].is_some_and(|value| value <= *most))
         };
         let limits = self.limits.iter().map(within);
         let gates = self.telemetry.iter().zip(&outcome.telemetry);
@@ -191,6 +197,7 @@ mod tests {
         };
         let metrics = [Some(0.1); METRICS.len()];
         let flown = |metrics, range, lost: Option<&str>| Outcome {
+            is_faulted: true,
             lost: lost.map(str::to_owned),
             metrics,
             telemetry: vec![range],
@@ -217,9 +224,14 @@ mod tests {
         }
         let mut metrics = recovered(Some(2.0));
         metrics[1] = Some(0.51);
-        assert_eq!(
-            gates.held(&flown(metrics, inside, None)),
-            [Some(false), Some(true), Some(true)]
-        );
+        let flown = flown(metrics, inside, None);
+        let held = [Some(false), Some(true), Some(true)];
+        assert_eq!(gates.held(&flown), held);
+        // Without a fault there is nothing to recover from.
+        let unfaulted = Outcome {
+            is_faulted: false,
+            ..flown
+        };
+        assert_eq!(gates.held(&unfaulted), [Some(false), None, Some(true)]);
     }
 }

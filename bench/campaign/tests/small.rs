@@ -35,6 +35,7 @@ fn outcome(flight: u64, arm: usize) -> Outcome {
     let share = (flight * 7 + arm as u64 * 3) % 11;
     let value = |place: usize| 0.05 * (1 + share) as f64 * (1 + place % 3) as f64;
     Outcome {
+        is_faulted: true,
         lost: (share == 10).then(|| "too far from the reference".into()),
         metrics: std::array::from_fn(|place| (place != 4 || share < 8).then_some(value(place))),
         telemetry: vec![(arm == 0).then_some([0.01, 0.06 * share as f64])],

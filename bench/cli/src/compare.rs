@@ -14,6 +14,7 @@ use analysis::tracer::Tracer;
 use analysis::tracking::Tracking;
 use config::law_settings::known;
 use messages::role::Role;
+use messages::telemetry::LAW_ROLES;
 use render::cases::Cases;
 use render::comparison::document;
 use serde::Deserialize;
@@ -35,6 +36,7 @@ use sim::simulator::Simulator;
 /// Longest flight [ticks]: all position errors are kept in memory.
 const TICKS_MAX: u64 = 1_000_000;
 const ROWS_MAX: usize = 50;
+const FAULTS: &str = "flight.faults";
 /// Latest instant of a fault [s]: no flight is that long.
 const INSTANT_MAX_S: f64 = 1e6;
 /// Default of `--recovered-below` [m].
@@ -119,17 +121,35 @@ fn fly_table(
         None => vec![String::new()],
         Some(at_s) => at_s.iter().map(|at_s| format!("@{at_s}s")).collect(),
     };
+    if let Some(faults) = overrides::value_of(overrides, FAULTS) {
+        let what = format!("--set {FAULTS}={faults}: each row of a table has its own faults");
+        return Err(Failure::usage(what).help("leave it out, or write a table with these faults"));
+    }
+    if Settings::in_file(args.course.config.as_deref(), "flight", "faults")?.is_some() {
+        say(
+            "warning: the faults of the settings file are ignored; each row of a table has its own\n",
+        );
+    }
     let mut plans = Vec::new();
     for row in &cases.row {
         let of_row_in = format!(" (row `{}` of {place})", row.name);
         let (of_all, of_row) = set("set", &cases.set)
             .and_then(|all| Ok((all, set("row.set", &row.set)?)))
             .map_err(|e| Failure::usage(format!("set: {e}{of_row_in}")))?;
+        let laws = LAW_ROLES.map(|role| format!("{role}.law"));
+        let law = laws
+            .iter()
+            .find(|law| overrides::value_of(&of_row, law).is_some());
+        if let Some(law) = law {
+            let what = format!("set: {law}: the laws are the columns of a table{of_row_in}");
+            let help = "name them by --outer, --inner and --mixer, or set one law for all rows";
+            return Err(Failure::usage(what).help(help));
+        }
         let faults = |instant: &String| -> Vec<String> {
             let faults = row.faults.iter();
             faults.map(|fault| format!("{fault}{instant}")).collect()
         };
-        let own = vec![("flight.faults", Value::from(faults(&instants[0])))];
+        let own = vec![(FAULTS, Value::from(faults(&instants[0])))];
         let overrides = [&of_all[..], overrides, &of_row, &own].concat();
         let plan = Plan::new(args, combinations, &overrides, bound_m);
         let plan = plan.map_err(|failure| failure.append(&of_row_in))?;
@@ -138,6 +158,8 @@ fn fly_table(
             plans.push(repeated.map_err(|failure| failure.append(&of_row_in))?);
         }
     }
+    let rows = plans.iter().step_by(instants.len());
+    combinations::warn(rows.flat_map(|plan| &plan.settings))?;
     let names = cases.row.into_iter().map(|row| row.name);
     let mut flights = fly_all(&plans, false)?.into_iter();
     let flown = Cases {

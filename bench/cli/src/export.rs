@@ -135,8 +135,9 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
             .flatten()
     });
     let out = BufWriter::new(file.file().in_file("write", &path)?);
-    let mut writer = PerfettoWriter::new(out, faults.collect()).in_file("write", &path)?;
-    if let (Some(report), Ok(Pace::Realtime(grid))) = (&report, reader.pace()) {
+    let pace = reader.pace().ok();
+    let mut writer = PerfettoWriter::new(out, faults.collect(), pace).in_file("write", &path)?;
+    if let (Some(report), Some(Pace::Realtime(grid))) = (&report, pace) {
         for case in report.autopsy.worst.iter().filter(|it| !it.ran.is_empty()) {
             let ran = case
                 .ran

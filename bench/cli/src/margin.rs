@@ -75,10 +75,15 @@ fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
             "describe the airframe in the section [plant] of a settings file and pass it with --config",
         ));
     }
+    let mut given = args.course.overrides();
+    if let Some(faults) = overrides::value_of(&given, "flight.faults") {
+        let what =
+            format!("--set flight.faults={faults}: margins are measured without other faults");
+        return Err(Failure::usage(what).help("leave it out"));
+    }
     let laws = &args.laws;
     let most = combinations::PAGE_MAX;
     let combinations = combinations::of(&laws.outer, &laws.inner, &laws.mixer, most)?;
-    let mut given = args.course.overrides();
     // It gives the end of the phases, which may come before a fault of the file; flights have lengths of their own.
     given.retain(|(flag, _)| overrides::parts(flag).1 != DURATION);
     let config = args.course.config.as_deref();

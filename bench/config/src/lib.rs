@@ -39,6 +39,17 @@ impl Settings {
         Self::resolve_asking(true, file, overrides)
     }
 
+    /// The value that a settings file has for a key.
+    pub fn in_file(
+        file: Option<&Path>,
+        section: &str,
+        key: &str,
+    ) -> Result<Option<Value>, Failure> {
+        let given = file.map(read).transpose()?;
+        let section = given.as_ref().and_then(|given| given.get(section));
+        Ok(section.and_then(|section| section.get(key)).cloned())
+    }
+
     /// As [`Self::resolve`]; a process of a flight need not ask laws of files whether they accept their settings.
     pub fn resolve_asking(
         asks: bool,

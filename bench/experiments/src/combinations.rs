@@ -103,7 +103,7 @@ pub fn resolve(
 }
 
 /// Prints the warnings of all combinations, each once.
-pub fn warn(all: &[Settings]) -> Result<(), Failure> {
+pub fn warn<'a>(all: impl IntoIterator<Item = &'a Settings>) -> Result<(), Failure> {
     let mut seen: Vec<String> = Vec::new();
     for settings in all {
         for warning in settings.warnings()? {
@@ -137,10 +137,11 @@ fn resolve_one(
             overrides.extend(overrides::law(role, law)?);
         }
     }
-    let asked = overrides::value_of(&overrides, PRESET).and_then(Value::as_str);
-    let asked = asked.map(str::to_owned);
+    let of_flag = overrides::value_of(&overrides, PRESET).cloned();
+    let of_file = || Settings::in_file(config, "flight", "preset");
+    let asked = of_flag.map_or_else(of_file, |preset| Ok(Some(preset)));
     let resolved = match (Settings::resolve(config, &overrides), asked) {
-        (Err(refused), Some(asked)) => {
+        (Err(refused), Ok(Some(Value::String(asked)))) => {
             overrides.push((PRESET, DEFAULT_PRESET.into()));
             let has = |law: &Chosen| law.description().preset(&asked).is_some();
             match Settings::resolve(config, &overrides) {

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use messages::content::{Change, State, SwapRecord};
+use messages::grid::Pace;
 use messages::header::Message;
 use messages::role::{Channel, Role, STAGES};
 use messages::topic::Topic;
@@ -37,6 +38,7 @@ pub struct PerfettoWriter<W> {
     out: W,
     /// Begins and ends of faults by their tick, the latest first.
     faults: Vec<(u64, String)>,
+    pace: Option<Pace>,
     /// As the newest state counts them; none before the first one.
     deadlines_missed: Option<u64>,
     /// When the first state of each parameter epoch was sampled [ns].
@@ -52,12 +54,13 @@ pub struct PerfettoWriter<W> {
 const MOST_WAITING: usize = 10_000;
 
 impl<W: Write> PerfettoWriter<W> {
-    /// Starts a trace; `faults` are their begins and ends, by tick.
-    pub fn new(out: W, mut faults: Vec<(u64, String)>) -> io::Result<Self> {
+    /// Starts a trace; `faults` are their begins and ends, by tick. The log may lack their ticks, which `pace` then places.
+    pub fn new(out: W, mut faults: Vec<(u64, String)>, pace: Option<Pace>) -> io::Result<Self> {
         faults.sort_by_key(|(tick, _)| Reverse(*tick));
         let mut writer = Self {
             out,
             faults,
+            pace,
             deadlines_missed: None,
             epochs: BTreeMap::new(),
             waiting: Vec::new(),
@@ -126,8 +129,12 @@ impl<W: Write> PerfettoWriter<W> {
             let annotations = [count, number("up to tick", tick)];
             self.instant(MISSES, at_ns, "missed", &annotations)?;
         }
-        while let Some((_, fault)) = self.faults.pop_if(|(of, _)| *of <= tick) {
-            self.instant(FAULTS, at_ns, &fault, &[])?;
+        while let Some((of, fault)) = self.faults.pop_if(|(of, _)| *of <= tick) {
+            let at_ns = match self.pace {
+                Some(Pace::Realtime(grid)) if of < tick => grid.begin_of(of),
+                _ => at_ns,
+            };
+            self.instant(FAULTS, at_ns, &fault, &[number("tick", of)])?;
         }
         self.epochs
             .entry(message.content.parameter_epoch)

@@ -59,7 +59,7 @@ fn lines<C: Logged>(reader: &LogReader, message: &Message<C>) -> String {
 
 fn perfetto(entries: &[LogEntry]) -> String {
     let mut trace = Vec::new();
-    let mut writer = PerfettoWriter::new(&mut trace, Vec::new()).unwrap();
+    let mut writer = PerfettoWriter::new(&mut trace, Vec::new(), None).unwrap();
     entries.iter().for_each(|it| writer.take(it).unwrap());
     writer.begin_channel(Channel::ALL[1]).unwrap();
     entries.iter().for_each(|it| writer.take(it).unwrap());

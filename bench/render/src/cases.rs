@@ -228,7 +228,7 @@ impl Cases {
                     it.error_from_fault.map(|it| it.rms_m),
                     it.error_from_fault.map(|it| it.worst_m),
                     it.error_after.map(|it| it.worst_m),
-                    it.recovery_s.last().copied().flatten(),
+                    it.longest_recovery_s(),
                     Some(it.effort.agitation_rad_s),
                     Some(it.effort.saturated_percent),
                     Some(it.effort.power),
@@ -302,7 +302,7 @@ fn tracking(
     let others = others
         .iter()
         .map(|of| figures_m(of).map(|it| thousandths(largest(&it))));
-    let recoveries = figures().map(|it| it.recovery_s.last().copied().flatten());
+    let recoveries = figures().map(Figures::longest_recovery_s);
     let recovery: Option<Vec<f64>> = recoveries.collect();
     let recovery = recovery.map(|it| format!("{:.2}", largest(&it)));
     let text = first.as_deref().map(|values| typical(values, thousandths));

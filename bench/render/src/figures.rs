@@ -128,7 +128,7 @@ impl<'a> Figures<'a> {
             Some([self.time_s(*tick)].into_iter().chain(numbers).collect())
         };
         let frames: Vec<Vec<f64>> = group.tick.iter().enumerate().filter_map(frame).collect();
-        let faults = self.faults.iter().map(|it| (it.time_s, it.what.clone()));
+        let faults = self.acting().map(|it| (it.time_s, it.what.clone()));
         let changes = self.swaps.iter().flat_map(|swap| {
             let named = swap.changes.iter();
             named.map(|it| (swap.time_s, it.name.clone()))
@@ -326,6 +326,11 @@ impl<'a> Figures<'a> {
         Figure::new(name, title, keys, chart)
     }
 
+    /// The faults that were not called off before they began.
+    fn acting(&self) -> impl Iterator<Item = &InjectedFault> {
+        self.faults.iter().filter(|fault| !fault.is_cancelled())
+    }
+
     /// A chart over the whole flight, with its swaps, faults, handovers and missed deadlines below what it shows.
     fn chart_over_time(&self, label: &str, scale: Scale, layers: Vec<Layer>) -> Chart {
         let groups = [&self.traces.flight, &self.traces.timing].into_iter();
@@ -338,7 +343,7 @@ impl<'a> Figures<'a> {
             .swaps
             .iter()
             .map(|swap| (swap.time_s, swap_words(swap)));
-        let faults = self.faults.iter().flat_map(|fault| {
+        let faults = self.acting().flat_map(|fault| {
             let InjectedFault { what, time_s, .. } = fault;
             let begin = (*time_s, format!("fault from {time_s:.3} s: {what}"));
             let end = |to_s| (to_s, format!("fault until {to_s:.3} s: {what}"));

@@ -68,11 +68,11 @@ pub fn write(report: &Report, path: &Path) -> Result<(), Failure> {
 }
 
 /// Writes that there was no flight, and why: a file of an earlier one would report that one.
-pub fn write_failure(why: &Failure, host: &str, path: &Path) -> Result<(), Failure> {
+pub fn write_failure(suite: &str, why: &Failure, host: &str, path: &Path) -> Result<(), Failure> {
     let started = &utc(SystemTime::now());
     let unfinished = Some(why.to_string());
     let suite = Suite {
-        name: FLY,
+        name: suite,
         started,
         host,
         unfinished,

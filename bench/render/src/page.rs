@@ -84,7 +84,8 @@ fn heading(report: &Report) -> String {
     }
     let changed = report.swaps.iter().flat_map(|swap| &swap.changes);
     let changed = changed.map(|it| format!("{} {}", it.name, it.new));
-    let injected = report.faults.iter().map(|fault| fault.what.clone());
+    let injected = report.faults.iter().filter(|it| !it.is_cancelled());
+    let injected = injected.map(|fault| fault.what.clone());
     let faults: Vec<String> = injected.chain(changed).collect();
     for fault in faults.iter().take(FAULTS) {
         heading += &format!(", {fault}");

@@ -204,7 +204,16 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     // Beside each other they may hinder each other: it is no flight's own time.
     let each_s = begun.elapsed().as_secs_f64() / rows.len() as f64;
     let total = campaign.flights * arms as u64;
-    let length_s = plan.flight(0, 0)?.0.flight.duration_s;
+    let mut drawn = campaign.factors.iter();
+    let is_drawn = drawn.any(|factor| factor.name == "flight.duration_s");
+    let lengths_s: Result<Vec<f64>, Failure> = (0..arms)
+        .map(|arm| Ok(plan.flight(0, arm)?.0.flight.duration_s))
+        .collect();
+    let lengths_s = lengths_s?;
+    let length = match lengths_s.iter().all(|it| *it == lengths_s[0]) && !is_drawn {
+        true => format!("of {} s", lengths_s[0]),
+        false => "of different lengths".into(),
+    };
     let [per_file, per_row] = bytes(&plan, &rows)?;
     let names: Vec<&str> = campaign.arms.iter().map(|arm| arm.name.as_str()).collect();
     let takes_s = (each_s * total as f64).ceil();
@@ -214,7 +223,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
         .filter(|factor| !factor.distribution.varies())
         .count();
     print(&format!(
-        "{}: {} of {length_s} s by {} ({}), {} in {}; {} with the seed ({constant} constant)\n\
+        "{}: {} {length} by {} ({}), {} in {}; {} with the seed ({constant} constant)\n\
          time here  {} with {jobs} at once (a flight every {:.1} ms, by {} that were tried)\n\
          on disk    {} ({} bytes a row, {} a file)\n\
          campaign   {}\n",

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::{Instant, SystemTime};
 
+use crate::cli::fly::with_junit;
 use crate::cli::{CpuLoadArgs, InjectArgs, ReplayArgs, SimulateArgs};
 use config::Settings;
 use errors::output::{print, say};
@@ -18,6 +19,12 @@ use sim::simulate::{self, OutputFiles};
 use supervisor::cpu_load;
 
 pub fn simulate(args: &SimulateArgs) -> Result<u8, Failure> {
+    let junit = (junit::SIMULATE, args.junit.as_deref());
+    let others = [args.states.as_deref(), args.plot.as_deref()];
+    with_junit(&args.flight, junit, &others, || simulated(args))
+}
+
+fn simulated(args: &SimulateArgs) -> Result<u8, Failure> {
     let settings = Settings::resolve(args.flight.course.config.as_deref(), &args.overrides())?;
     let (states, plot) = (args.states.as_deref(), args.plot.as_deref());
     let junit = args.junit.as_deref();

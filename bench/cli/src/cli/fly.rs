@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use crate::browser::open_page;
 use crate::cli::setting_flags::check_clock_flags;
-use crate::cli::{FlyArgs, OnDeath};
+use crate::cli::{FlightArgs, FlyArgs, OnDeath};
 use crate::floor::{flight_baseline, loop_cpus};
 use crate::loss;
 use crate::report_command;
@@ -30,33 +30,44 @@ use supervisor::{self, FinishedFlight, FlightOptions, ServerProcess};
 use toml::Value;
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
-    let (junit, states) = (args.junit.as_deref(), args.recorder.states.as_deref());
+    let junit = args.junit.as_deref().filter(|_| !args.print_config);
+    let states = args.recorder.states.as_deref();
+    let flown = with_junit(&args.flight, (junit::FLY, junit), &[states], || {
+        conduct(args)
+    })?;
+    flown.map_or(Ok(OK), |(settings, requests, flight)| {
+        complete(args, &settings, requests, flight)
+    })
+}
+
+/// Runs a flight whose result is to be written to the file of `--junit`. Why it failed is written there too, unless another
+/// output has the same name.
+pub(super) fn with_junit<T>(
+    flight: &FlightArgs,
+    (suite, junit): (&str, Option<&Path>),
+    others: &[Option<&Path>],
+    run: impl FnOnce() -> Result<T, Failure>,
+) -> Result<T, Failure> {
     // No file that a flag names as an input is removed: these have not been read yet.
-    let flags = args.flight.overrides();
+    let flags = flight.overrides();
     let named = flags.iter().filter_map(|(_, value)| value.as_str());
-    let inputs = named
-        .map(Path::new)
-        .chain(args.flight.course.config.as_deref());
+    let inputs = named.map(Path::new).chain(flight.course.config.as_deref());
     inputs.for_each(|input| drop(open_file(input)));
     check_outputs(&[("--junit", junit)])?;
     // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
-    if let Some(earlier) = junit.filter(|path| path.is_file() && !args.print_config) {
+    if let Some(earlier) = junit.filter(|path| path.is_file()) {
         fs::remove_file(earlier).in_file("replace", earlier)?;
     }
-    match conduct(args) {
-        Ok(None) => Ok(OK),
-        Ok(Some((settings, requests, flight))) => complete(args, &settings, requests, flight),
-        Err(failure) => {
-            let junit = junit.filter(|path| states != Some(*path));
-            let written = junit.map_or(Ok(()), |path| {
-                junit::write_failure(&failure, &hostname(), path)
-            });
-            Err(match written {
-                Ok(()) => failure,
-                Err(unwritten) => failure.append(&format!("; {unwritten}")),
-            })
+    run().map_err(|failure| {
+        let junit = junit.filter(|path| !others.contains(&Some(path)));
+        let written = junit.map_or(Ok(()), |path| {
+            junit::write_failure(suite, &failure, &hostname(), path)
+        });
+        match written {
+            Ok(()) => failure,
+            Err(unwritten) => failure.append(&format!("; {unwritten}")),
         }
-    }
+    })
 }
 
 /// Flies; only prints the settings, and returns nothing, if that is all the flags request.

@@ -112,7 +112,7 @@ fn files_of_points() {
 /// Reads a log to its end, and makes of it what an export does.
 fn exported(path: &Path) -> Result<(), Failure> {
     let mut log = LogReader::open(path)?;
-    let mut trace = PerfettoWriter::new(std::io::sink(), Vec::new()).unwrap();
+    let mut trace = PerfettoWriter::new(std::io::sink(), Vec::new(), None).unwrap();
     while log.next_entry()?.is_some() {
         let entry = log.newest();
         trace.take(entry).unwrap();

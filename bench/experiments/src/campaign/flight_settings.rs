@@ -122,6 +122,8 @@ impl Plan {
             let settings = self
                 .tried(arm, &first)
                 .map_err(|failure| self.at_line(failure, arm, None))?;
+            let mut text = settings.shared_text()?;
+            let mut sums = String::new();
             for (place, factor) in self.campaign.factors.iter().enumerate() {
                 for end in factor.distribution.ends() {
                     let mut draws = first.clone();
@@ -129,6 +131,12 @@ impl Plan {
                     let settings = self
                         .tried(arm, &draws)
                         .map_err(|failure| self.at_line(failure, arm, Some(factor.line)))?;
+                    // Files that the first flight does not draw; what it draws is in its own text.
+                    let of_end = settings.shared_text()?;
+                    let of_end = of_end.lines().filter(|line| line.contains("sha256"));
+                    for sum in of_end.filter(|sum| !text.contains(sum)) {
+                        sums += &format!("\n{} {sum}", factor.name);
+                    }
                     if factor.name == "inner.law" {
                         flown.push(settings);
                     }
@@ -139,7 +147,7 @@ impl Plan {
                 let mut signals = signals.of(gate.role).iter();
                 !signals.any(|signal| signal.name == gate.signal)
             });
-            let mut text = settings.shared_text()?;
+            text += &sums;
             for name in self.campaign.timings(arm).1 {
                 text += &format!("\ntiming {}", self.timings[&name].sum());
             }

@@ -121,6 +121,7 @@ fn fly(
         arm,
         draws: plan.campaign.draws(flight),
         outcome: Outcome {
+            is_faulted: plan.campaign.is_faulted(&plan.campaign.arms[arm], flight),
             lost: flown.departure,
             metrics: observed.metrics.values(),
             telemetry: observed.telemetry,

@@ -43,11 +43,17 @@ impl Phases {
             span_s = span_s.min(duration_s - first_s);
         }
         if span_s < number * period_s {
-            let duration_s = duration_s.unwrap_or_default();
+            let phases = count(u64::from(phases), "phase");
+            let Some(duration_s) = duration_s else {
+                let what =
+                    format!("the {span_s} s that faults are spread over have no room for {phases}");
+                let help =
+                    format!("ask for fewer: --phases takes one a tick of {period_s} s at most");
+                return Err(Failure::usage(what).help(help));
+            };
             return Err(Failure::usage(format!(
-                "--duration {duration_s}s is too short for {}: faults begin at {first_s} s, after the \
-                 trajectory's ramp and the settling time",
-                count(u64::from(phases), "phase")
+                "--duration {duration_s}s is too short for {phases}: faults begin at {first_s} s, after the \
+                 trajectory's ramp and the settling time"
             ))
             .help("fly longer, or leave --duration out to cover one period of the trajectory"));
         }
@@ -105,10 +111,22 @@ pub fn bounds(given: &[(BoundName, f64)], settings: &Settings) -> Result<Bounds,
         return Err(Failure::usage(what).help("name a shorter time, in s"));
     }
     if recovery_s > survival_s {
-        let what = format!(
-            "--gate recovery_max_s={recovery_s}: allowed are 0 to survival_max_s, {survival_s}"
-        );
-        return Err(Failure::usage(what).help("set survival_max_s, too"));
+        let is_given = given.iter().any(|((name, _), _)| *name == "recovery_max_s");
+        let (what, other) = match is_given {
+            true => (
+                format!(
+                    "--gate recovery_max_s={recovery_s}: allowed are 0 to survival_max_s, {survival_s}"
+                ),
+                "survival_max_s",
+            ),
+            false => (
+                format!(
+                    "--gate survival_max_s={survival_s}: it is below recovery_max_s, {recovery_s}"
+                ),
+                "recovery_max_s",
+            ),
+        };
+        return Err(Failure::usage(what).help(format!("set {other}, too")));
     }
     Ok(bounds)
 }

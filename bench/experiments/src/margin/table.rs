@@ -89,13 +89,15 @@ pub fn write(out: &Path, margins: &Margins) -> Result<Vec<String>, Failure> {
     Ok(lines)
 }
 
-/// The margins for a flight that is about to begin; none in lockstep, which has no outages.
+/// The margins for a flight that is about to begin; none in lockstep, which has no outages, and of what cannot be
+/// simulated: channels with different laws, and targets from a ground station.
 pub fn of_flight(
     pace: Pace,
     settings: &Settings,
     directory: &Path,
 ) -> Result<Option<MarginSection>, Failure> {
-    if pace == Pace::Lockstep {
+    let cannot_be_measured = settings.has_several_laws() || settings.course()?.follows_targets();
+    if pace == Pace::Lockstep || cannot_be_measured {
         return Ok(None);
     }
     let section = section(&fingerprint(settings)?, directory, &build::executable());
