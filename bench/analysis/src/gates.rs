@@ -557,6 +557,15 @@ mod tests {
             }
         };
         check(worst, "stale ticks per million: 150.0 (b.inner)");
+        let replaced = |it: &mut Report| {
+            it.deaths = vec![ProcessFailure {
+                role: "inner".into(),
+                ..ProcessFailure::default()
+            }];
+        };
+        let unknown =
+            "stale ticks per million: a process of inner failed, and its ticks are not counted";
+        check(replaced, unknown);
         let whole = "loop p99.9 [us]: 51.1";
         check(|it| it.series[0].p999_us = Some(51.1), whole);
         let wake = "wake.plant p99.9 [us]: 51.1";

@@ -11,7 +11,7 @@ use messages::topic::Topic;
 /// How long after a death its cost is looked for [s].
 pub const COST_S: f64 = 5.0;
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ObservedFailure {
     pub role: String,
     /// Epoch of its messages; 0 where it sent none.
@@ -202,9 +202,12 @@ impl FailureStatistics {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use messages::content::{State, Wrench};
 
     use super::*;
+    use crate::sample::good;
 
     #[test]
     fn the_phases_of_a_recovery_follow_each_other() {
@@ -310,5 +313,29 @@ mod tests {
         (0..600).for_each(|tick| statistics.message(&message::<Wrench>(tick + 1, tick)));
         let kept = (statistics.deaths.len(), statistics.left_out);
         assert_eq!(kept, (DEATHS_KEPT, 99));
+        // The supervisor's account adds no row to them: the recorder has counted those that had sent something.
+        let mut report = good();
+        (report.deaths, report.deaths_left_out) = (statistics.deaths, statistics.left_out);
+        let noted = [1, 550, 0].map(|epoch| ObservedFailure {
+            role: "inner".into(),
+            epoch,
+            ..ObservedFailure::default()
+        });
+        note(&mut report, &noted, &Pace::Lockstep);
+        assert_eq!((report.deaths.len(), number(&report)), (DEATHS_KEPT, 600));
+    }
+
+    #[test]
+    fn a_report_keeps_the_epochs_of_a_machine_that_has_been_up_for_years() {
+        let years_ns = 1 << 58;
+        let mut report = good();
+        report.deaths = flown(
+            &[(0..10, Some(years_ns)), (10..20, Some(years_ns + 1))],
+            |_| 0.0,
+        )
+        .deaths;
+        let text = report.text().unwrap();
+        let read = Report::of(&text, Path::new("report.json")).unwrap();
+        assert_eq!(read.deaths, report.deaths);
     }
 }
