@@ -333,64 +333,49 @@ pub(crate) mod tests {
 
     #[test]
     fn a_fresh_command_on_time_wins_and_of_three_the_majority() {
-        use Channel::{A, B, C};
-        let usable = |channel, thrust_n| candidate(channel, true, true, thrust_n);
-        let late_law = |channel, thrust_n| Candidate {
-            history: 7,
-            ..usable(channel, thrust_n)
-        };
-        for (candidates, expected) in [
-            (vec![], None),
-            (vec![usable(A, 1.0), usable(B, 1.0)], Some((A, false, None))),
-            (vec![usable(B, 1.0)], Some((B, false, None))),
-            (
-                vec![candidate(A, true, false, 2.0), usable(B, 1.0)],
-                Some((B, false, None)),
-            ),
-            (
-                vec![candidate(A, false, true, 1.0), usable(B, 1.0)],
-                Some((B, false, None)),
-            ),
-            (
-                vec![
-                    candidate(A, true, false, 2.0),
-                    candidate(B, false, true, 1.0),
-                ],
-                Some((A, false, None)),
-            ),
+        // Channel and thrust of each command, and what is wrong with it; then what is selected.
+        for case in [
+            " -> None",
+            "A1 B1 -> A",
+            "B1 -> B",
+            "A2:stale B1 -> B",
+            "A1:late B1 -> B",
+            "A2:stale B1:late -> A",
             // Two that differ: either may be wrong.
-            (vec![usable(A, 1.0), usable(B, 2.0)], Some((A, true, None))),
-            (
-                vec![usable(A, 2.0), usable(B, 1.0), usable(C, 1.0)],
-                Some((B, true, Some(A))),
-            ),
-            (
-                vec![usable(A, 1.0), usable(B, 1.0), usable(C, 2.0)],
-                Some((A, true, Some(C))),
-            ),
-            (
-                vec![usable(A, 1.0), usable(B, 2.0), usable(C, 3.0)],
-                Some((A, true, None)),
-            ),
+            "A1 B2 -> A differs",
+            "A2 B1 C1 -> B differs, outvoted A",
+            "A1 B1 C2 -> A differs, outvoted C",
+            "A1 B2 C3 -> A differs",
             // A zero of the other sign is another bit.
-            (vec![usable(A, 0.0), usable(B, -0.0)], Some((A, true, None))),
+            "A0 B-0 -> A differs",
             // Other states or inputs: an undisturbed command is flown, and nothing is compared.
-            (
-                vec![late_law(A, 2.0), usable(B, 1.0)],
-                Some((B, false, None)),
-            ),
-            (
-                vec![late_law(A, 2.0), usable(B, 1.0), usable(C, 1.0)],
-                Some((B, false, None)),
-            ),
-            (
-                vec![late_law(A, 1.0), late_law(B, 1.0), late_law(C, 2.0)],
-                Some((A, true, Some(C))),
-            ),
+            "A2:disturbed B1 -> B",
+            "A2:disturbed B1 C1 -> B",
+            "A1:disturbed B1:disturbed C2:disturbed -> A differs, outvoted C",
         ] {
-            let selected = select(&candidates);
-            let found = selected.map(|it| (it.chosen.channel, it.differs, it.outvoted));
-            assert_eq!(found, expected, "{candidates:?}");
+            let (offered, expected) = case.split_once(" -> ").unwrap();
+            let offered = offered.split_whitespace().map(|command| {
+                let (channel, thrust) = command.split_at(1);
+                let (thrust_n, flaw) = thrust.split_once(':').unwrap_or((thrust, ""));
+                let channel = Channel::ALL
+                    .into_iter()
+                    .find(|it| format!("{it:?}") == channel);
+                let (is_on_time, is_fresh) = (flaw != "late", flaw != "stale");
+                let thrust_n = thrust_n.parse().unwrap();
+                let it = candidate(channel.unwrap(), is_on_time, is_fresh, thrust_n);
+                let history = if flaw == "disturbed" { 7 } else { it.history };
+                Candidate { history, ..it }
+            });
+            let found = select(&offered.collect::<Vec<_>>()).map_or("None".to_owned(), |it| {
+                let differs = if it.differs { " differs" } else { "" };
+                let outvoted = it.outvoted.map(|channel| format!(", outvoted {channel:?}"));
+                format!(
+                    "{:?}{differs}{}",
+                    it.chosen.channel,
+                    outvoted.unwrap_or_default()
+                )
+            });
+            assert_eq!(found, expected, "{case}");
         }
     }
 
@@ -406,6 +391,7 @@ pub(crate) mod tests {
     #[test]
     fn another_group_flies_beyond_the_limits_or_on_request_and_hands_back_on_request_alone() {
         use Channel::{A, B};
+        use SwitchoverReason::{CommandStep, PositionError, Silent, Tilt};
         let limits = SimplexLimits {
             tilt_max_rad: 0.5,
             rate_max_rad_s: 5.0,
@@ -423,45 +409,25 @@ pub(crate) mod tests {
             error_m,
             ..Excursion::default()
         };
-        let (inside, tilted, far) = (
-            excursion(0.1, 0.1),
-            excursion(0.6, 0.1),
-            excursion(0.1, 0.6),
-        );
+        let inside = excursion(0.1, 0.1);
+        let tilted = excursion(0.6, 0.1);
+        let far = excursion(0.1, 0.6);
+        let nowhere = excursion(f64::NAN, 0.0);
+        let only_a = [command(A, true, 300.0), command(B, false, 300.0)];
         for (commands, excursion, reason) in [
-            (both(300.0).to_vec(), inside, None),
-            (both(300.0).to_vec(), tilted, Some(SwitchoverReason::Tilt)),
-            (
-                both(300.0).to_vec(),
-                far,
-                Some(SwitchoverReason::PositionError),
-            ),
-            (
-                both(300.0).to_vec(),
-                excursion(f64::NAN, 0.0),
-                Some(SwitchoverReason::Tilt),
-            ),
-            (
-                both(400.0).to_vec(),
-                inside,
-                Some(SwitchoverReason::CommandStep),
-            ),
-            (
-                vec![command(B, true, 300.0)],
-                inside,
-                Some(SwitchoverReason::Silent),
-            ),
+            (&both(300.0)[..], inside, None),
+            (&both(300.0)[..], tilted, Some(Tilt)),
+            (&both(300.0)[..], far, Some(PositionError)),
+            (&both(300.0)[..], nowhere, Some(Tilt)),
+            (&both(400.0)[..], inside, Some(CommandStep)),
+            (&both(300.0)[1..], inside, Some(Silent)),
             // No other group has a usable command.
-            (
-                vec![command(A, true, 300.0), command(B, false, 300.0)],
-                tilted,
-                None,
-            ),
+            (&only_a[..], tilted, None),
         ] {
             let mut guarded = apart(Some(limits));
             assert_eq!(guarded.decide(1, &both(310.0), None, &inside), None);
             guarded.fly(&select(&both(310.0)[..1]).unwrap());
-            let found = guarded.decide(2, &commands, None, &excursion);
+            let found = guarded.decide(2, commands, None, &excursion);
             assert_eq!(found.map(|it| it.reason), reason.map(|it| it as u64));
             assert_eq!(guarded.group_at(2), if reason.is_some() { B } else { A });
             assert_eq!(guarded.group_at(1), A);
@@ -471,7 +437,7 @@ pub(crate) mod tests {
                 "no way back"
             );
             let mut shadow = apart(None);
-            assert_eq!(shadow.decide(2, &commands, None, &excursion), None);
+            assert_eq!(shadow.decide(2, commands, None, &excursion), None);
         }
         let mut guarded = apart(Some(limits));
         let to_b = guarded.decide(1, &both(320.0), Some(B), &inside).unwrap();
@@ -487,8 +453,7 @@ pub(crate) mod tests {
         });
         let c = [command(Channel::C, true, 300.0)];
         let to_c = three.decide(1, &c, Some(B), &inside).unwrap();
-        let silent = SwitchoverReason::Silent as u64;
-        assert_eq!((to_c.to, to_c.reason), (Channel::C as u64, silent));
+        assert_eq!((to_c.to, to_c.reason), (2, Silent as u64));
         assert!(guarded.is_ready(B, &both(1.0)) && !guarded.is_ready(B, &both(1.0)[..1]));
         let alike = GroupSelection::new(Arrangement::alike(2));
         assert!(!alike.is_ready(B, &both(1.0)), "it would change nothing");

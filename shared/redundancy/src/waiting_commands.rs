@@ -159,6 +159,22 @@ mod tests {
         message
     }
 
+    /// Two channels with laws of their own.
+    fn apart(simplex: Option<SimplexLimits>) -> ChannelSelection {
+        let arrangement = Arrangement {
+            groups: Channel::ALL,
+            simplex,
+            ..Arrangement::alike(2)
+        };
+        ChannelSelection::new(arrangement, 8)
+    }
+
+    /// Offers a command of each of two channels, in time: 1 N of channel a, 2 N of channel b.
+    fn offer_both(selection: &mut ChannelSelection, tick: u64) {
+        selection.offer(Channel::A, &message(tick, tick, 1.0), tick + 1);
+        selection.offer(Channel::B, &message(tick, tick, 2.0), tick + 1);
+    }
+
     fn decided(selection: &mut ChannelSelection, tick: u64) -> std::vec::Vec<(u64, f64, u64)> {
         let mut taken = std::vec::Vec::new();
         selection.decide(tick, &Excursion::default(), |it| {
@@ -192,22 +208,14 @@ mod tests {
 
     #[test]
     fn a_request_waits_for_its_tick_though_the_plant_was_stopped_before_it() {
-        let arrangement = Arrangement {
-            groups: Channel::ALL,
-            ..Arrangement::alike(2)
-        };
-        let mut selection = ChannelSelection::new(arrangement, 8);
-        let offer = |selection: &mut ChannelSelection, tick| {
-            selection.offer(Channel::A, &message(tick, tick, 1.0), tick + 1);
-            selection.offer(Channel::B, &message(tick, tick, 2.0), tick + 1);
-        };
-        offer(&mut selection, 0);
+        let mut selection = apart(None);
+        offer_both(&mut selection, 0);
         assert_eq!(decided(&mut selection, 1), [(0, 1.0, 1)]);
         // The plant publishes tick 1, is stopped, and publishes tick 5 next.
-        offer(&mut selection, 1);
+        offer_both(&mut selection, 1);
         selection.request(3, Channel::B);
         assert_eq!(decided(&mut selection, 5), [(1, 1.0, 2)]);
-        offer(&mut selection, 5);
+        offer_both(&mut selection, 5);
         assert_eq!(decided(&mut selection, 6), [(5, 2.0, 6)]);
         assert_eq!(selection.redundancy().switchovers()[0].tick, 5);
     }
@@ -220,23 +228,14 @@ mod tests {
             error_max_m: f64::INFINITY,
             command_step_max_rad_s: f64::INFINITY,
         };
-        let arrangement = Arrangement {
-            groups: Channel::ALL,
-            simplex: Some(simplex),
-            ..Arrangement::alike(2)
-        };
-        let mut selection = ChannelSelection::new(arrangement, 8);
-        let offer = |selection: &mut ChannelSelection, tick| {
-            selection.offer(Channel::A, &message(tick, tick, 1.0), tick + 1);
-            selection.offer(Channel::B, &message(tick, tick, 2.0), tick + 1);
-        };
-        offer(&mut selection, 0);
+        let mut selection = apart(Some(simplex));
+        offer_both(&mut selection, 0);
         assert_eq!(decided(&mut selection, 1), [(0, 1.0, 1)]);
         // Channel a is silent in the tick for which it is requested.
         selection.request(1, Channel::A);
         selection.offer(Channel::B, &message(1, 1, 2.0), 2);
         assert_eq!(decided(&mut selection, 2), [(1, 2.0, 2)]);
-        offer(&mut selection, 2);
+        offer_both(&mut selection, 2);
         assert_eq!(decided(&mut selection, 3), [(2, 2.0, 3)]);
     }
 
