@@ -1,12 +1,13 @@
 //! The messages of a topic as a table: a column for each field, a row for each message, by tick; and topics joined: a
 //! tick without a message is a row that holds no numbers.
 
-use std::collections::{BTreeMap, BTreeSet, TryReserveError};
+use std::collections::{BTreeSet, TryReserveError};
+use std::iter::repeat_n;
 
 use flight_log::codec::Logged;
 use flight_log::rows::{axes, is_parameters};
-use flight_log::units::describe;
-use messages::content::{Reference, Setpoint};
+use flight_log::units;
+use messages::content::Reference;
 use messages::layout::{Field, Kind, Layout as _, Visit, Visitor};
 use messages::parameters::{SPECS, Spec};
 use pyo3::prelude::*;
@@ -26,16 +27,9 @@ pub(crate) struct Column {
 pub(crate) struct Table {
     ticks: Vec<u64>,
     columns: Vec<Column>,
-    /// Where each field's numbers go, in the order of the layout.
-    places: Vec<Place>,
+    /// The column of each number of a message, in the order of the layout; none where it is left out.
+    places: Vec<Option<usize>>,
     next: usize,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Place {
-    first: usize,
-    /// Numbers that have a column each; the rest of the field is left out.
-    apart: Option<usize>,
 }
 
 pub(crate) type Signals = Vec<(String, String)>;
@@ -43,29 +37,63 @@ pub(crate) type Signals = Vec<(String, String)>;
 impl Table {
     /// That of a topic whose law shows these signals; one column for all of them where their names are not known.
     pub(crate) fn of<C: Logged>(signals: &Option<Signals>) -> Self {
-        Self::planned::<C>(C::FIELDS, C::NAME, "", signals)
+        let mut table = Self::default();
+        let telemetry = format!("telemetry.{}", C::SENDER);
+        table.plan(C::FIELDS, C::NAME, &telemetry, signals);
+        table
     }
 
     pub(crate) fn of_reference() -> Self {
-        Self::planned::<Setpoint>(Reference::FIELDS, "reference", "reference.", &None)
+        let mut table = Self::default();
+        table.plan(Reference::FIELDS, "reference", "", &None);
+        table
     }
 
-    /// Columns for fields of a topic's messages, which stand there below a path.
-    fn planned<C: Logged>(
-        fields: &[Field],
-        group: &str,
-        path: &str,
-        signals: &Option<Signals>,
-    ) -> Self {
-        let mut table = Self::default();
-        let mut plan = Plan {
-            table: &mut table,
-            facts: describe::<C>(),
-            telemetry: format!("telemetry.{}", C::SENDER),
-            signals,
-        };
-        plan.fields(fields, group, path);
-        table
+    /// Columns for these fields of a message; the signals of a law in the group `telemetry`.
+    fn plan(&mut self, fields: &[Field], group: &str, telemetry: &str, signals: &Option<Signals>) {
+        for field in fields {
+            let numbers = field.size / size_of::<u64>();
+            let begin = self.columns.len();
+            // The names and units of numbers that have a column each; the others are left out.
+            let apart = match (field.name, field.kind, signals) {
+                ("value", _, Some(signals)) if group == telemetry => signals.clone(),
+                _ if is_parameters(field) => {
+                    let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
+                    SPECS.iter().map(spec).collect()
+                }
+                // The plant's records for the replay, which a simulation does not have, and what has a table of its own.
+                ("decision" | "target" | "reference", Kind::Struct { .. }, _) => Signals::new(),
+                (name, Kind::Struct { fields, .. }, _) => {
+                    let group = match name {
+                        "truth" => name,
+                        "telemetry" => telemetry,
+                        _ => group,
+                    };
+                    self.plan(fields, group, telemetry, signals);
+                    continue;
+                }
+                (name, ..) => {
+                    self.places.extend(repeat_n(Some(begin), numbers));
+                    self.column(group, name.to_owned(), units::of(field), axes(field));
+                    continue;
+                }
+            };
+            let place = |number| (number < apart.len()).then_some(begin + number);
+            self.places.extend((0..numbers).map(place));
+            for (name, unit) in apart {
+                self.column(group, name, unit, Vec::new());
+            }
+        }
+    }
+
+    fn column(&mut self, group: &str, name: String, unit: String, axes: Vec<String>) {
+        self.columns.push(Column {
+            group: group.to_owned(),
+            name,
+            unit,
+            axes,
+            values: Vec::new(),
+        });
     }
 
     /// Of columns that are filled row by row.
@@ -118,15 +146,11 @@ impl Table {
     }
 
     fn take(&mut self, values: impl ExactSizeIterator<Item = f64>) {
-        let Place { first, apart } = self.places[self.next];
-        self.next += 1;
-        match apart {
-            None => self.columns[first].values.extend(values),
-            Some(count) => {
-                let columns = &mut self.columns[first..first + count];
-                for (column, value) in columns.iter_mut().zip(values) {
-                    column.values.push(value);
-                }
+        let places = &self.places[self.next..];
+        self.next += values.len();
+        for (place, value) in places.iter().zip(values) {
+            if let Some(column) = *place {
+                self.columns[column].values.push(value);
             }
         }
     }
@@ -143,87 +167,6 @@ impl Visitor for Table {
 
     fn numbers(&mut self, _: &'static Field, values: &[f64]) {
         self.take(values.iter().copied());
-    }
-}
-
-struct Plan<'a> {
-    table: &'a mut Table,
-    facts: BTreeMap<String, String>,
-    telemetry: String,
-    signals: &'a Option<Signals>,
-}
-
-impl Plan<'_> {
-    fn fields(&mut self, fields: &[Field], group: &str, path: &str) {
-        for field in fields {
-            let place = Place {
-                first: self.table.columns.len(),
-                apart: None,
-            };
-            match (field.name, field.kind) {
-                ("value", _) if group == self.telemetry && self.signals.is_some() => {
-                    self.apart(group, self.signals.clone().unwrap_or_default(), place);
-                }
-                _ if is_parameters(field) => {
-                    let spec = |spec: &Spec| (spec.name.to_owned(), spec.unit.to_owned());
-                    self.apart(group, SPECS.iter().map(spec).collect(), place);
-                }
-                // The plant's records for the replay, which a simulation does not have, and what has a table of its own.
-                ("decision" | "target" | "reference", Kind::Struct { fields, .. }) => {
-                    self.leave_out(fields, place);
-                }
-                (name, Kind::Struct { fields, .. }) => {
-                    let telemetry = self.telemetry.clone();
-                    let group = match name {
-                        "truth" => name,
-                        "telemetry" => &telemetry,
-                        _ => group,
-                    };
-                    self.fields(fields, group, &format!("{path}{name}."));
-                }
-                (name, _) => {
-                    let unit = self.facts.get(&format!("unit.{path}{name}"));
-                    let unit = unit.map_or("", String::as_str);
-                    // Of ticks the log says which one is none; here that is no number.
-                    let unit = unit.split_once(';').map_or(unit, |(unit, _)| unit);
-                    let unit = if unit == "1" { "" } else { unit };
-                    self.column(group, name.to_owned(), unit.to_owned(), axes(field));
-                    self.table.places.push(place);
-                }
-            }
-        }
-    }
-
-    fn leave_out(&mut self, fields: &[Field], place: Place) {
-        for field in fields {
-            match field.kind {
-                Kind::Struct { fields, .. } => self.leave_out(fields, place),
-                _ => self.table.places.push(Place {
-                    apart: Some(0),
-                    ..place
-                }),
-            }
-        }
-    }
-
-    fn apart(&mut self, group: &str, names: Signals, place: Place) {
-        self.table.places.push(Place {
-            apart: Some(names.len()),
-            ..place
-        });
-        for (name, unit) in names {
-            self.column(group, name, unit, Vec::new());
-        }
-    }
-
-    fn column(&mut self, group: &str, name: String, unit: String, axes: Vec<String>) {
-        self.table.columns.push(Column {
-            group: group.to_owned(),
-            name,
-            unit,
-            axes,
-            values: Vec::new(),
-        });
     }
 }
 

@@ -71,7 +71,7 @@ fn describe_fields(path: &str, fields: &[Field], facts: &mut BTreeMap<String, St
 }
 
 /// The unit of a field's numbers as tables have it: empty for a ratio, a count or a flag, and where no name says it.
-pub(crate) fn of(field: &Field) -> String {
+pub fn of(field: &Field) -> String {
     let unit = unit(field);
     // Tables have no number where a log says which tick is none.
     match unit.split(';').next().unwrap_or_default() {
