@@ -3,11 +3,10 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use ipc::error::Error;
 use ipc::{Blackboard, BlackboardReader, Wire};
 use messages::blackboards::{ActiveParameters, SettingsText};
 
-use crate::{Site, assert_incompatible};
+use crate::{Site, assert_incompatible, assert_taken};
 
 const NAME: &str = "in_force";
 
@@ -33,10 +32,7 @@ fn a_board_has_one_writer() {
     let board = board(&here);
     for wire in [&here, &there] {
         let second = wire.blackboard::<ActiveParameters>(NAME);
-        let error = second.map(drop).unwrap_err();
-        assert!(matches!(error, Error::Wire { .. }), "{error}");
-        let words = error.to_string();
-        assert!(words.contains("the writer of board `in_force`"), "{words}");
+        assert_taken(second, "the writer of board `in_force`");
     }
     board.put(at(3));
     assert_eq!(reader(&there).unwrap().get(), at(3));

@@ -10,7 +10,8 @@ use messages::parameters::PARAMETERS;
 use messages::topic::Topic;
 
 use crate::Site;
-use crate::forgery::{Draw, EPOCH, EXPECTED, Forger, KINDS, good};
+use crate::common::{EPOCH, EXPECTED};
+use crate::forgery::{Draw, Forger, KINDS, good};
 
 fn armed<C: TopicPorts>(site: &Site, wire: &Wire) -> (Receiver<C>, Forger<C>) {
     let mut receiver = wire.receiver(DEEP).unwrap();

@@ -17,7 +17,10 @@ mod parameter_requests;
 mod topics;
 mod wake_events;
 
+use std::path::{Path, PathBuf};
+
 use ipc::error::Error;
+use ipc::instance::{Instance, SHARED_MEMORY};
 
 use common::Site;
 
@@ -28,4 +31,16 @@ fn assert_incompatible<T>(result: Result<T, Error>, what: &str) {
     assert!(error.to_string().contains(what), "{error}");
     assert!(error.remedy().unwrap().contains("ironbird clean"));
     assert_eq!(error.exit_code(), 5);
+}
+
+/// What is in use already, or by as many as it has places, is refused by name.
+fn assert_taken<T>(result: Result<T, Error>, what: &str) {
+    let error = result.map(drop).unwrap_err();
+    assert!(matches!(error, Error::Wire { .. }), "{error}");
+    assert!(error.to_string().contains(what), "{error}");
+}
+
+/// The page of wake-up events in shared memory.
+fn page(instance: &Instance) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(format!("{}wake_events", instance.prefix()))
 }

@@ -14,7 +14,7 @@ use messages::content::{RotorSpeeds, State};
 use messages::role::Role;
 use rustix::fs::{FlockOperation, flock};
 
-use crate::Site;
+use crate::{Site, page};
 
 const OTHER_USER: u32 = 65534;
 const HANGS: Duration = Duration::from_secs(60);
@@ -45,10 +45,6 @@ fn give_away(path: &Path) -> bool {
 
 fn lock_file(instance: &Instance, name: &str) -> PathBuf {
     instance.directory().join(format!("{name}.lock"))
-}
-
-fn page(instance: &Instance) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(format!("{}wake_events", instance.prefix()))
 }
 
 /// Demands a usage error that says why a path is not used, and what to do.

@@ -1,7 +1,6 @@
 //! Wake-up events: no notification is lost or counted twice, and a wait ends at its instant.
 
 use std::fs;
-use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
@@ -10,7 +9,8 @@ use ipc::error::Error;
 use ipc::{WakeEvent, Wire};
 use messages::role::Role;
 
-use crate::Site;
+use crate::{Site, page};
+
 /// Only ends a test that hangs [ns].
 const LONG: u64 = 60_000_000_000;
 
@@ -106,7 +106,7 @@ fn with_an_alarm_a_wait_ends_by_a_notification_or_after_its_instant_too() {
 #[test]
 fn a_page_of_another_build_is_incompatible() {
     let site = Site::new();
-    let page = page_of(&site);
+    let page = page(&site.instance);
     // The token of the last of 64 events of 64 bytes.
     let theirs = [vec![0; 63 * 64 + 8], vec![7; 8], vec![0; 48]].concat();
     fs::write(&page, &theirs).unwrap();
@@ -123,7 +123,7 @@ fn a_page_of_another_build_is_incompatible() {
 #[test]
 fn the_page_goes_with_the_last_process_that_has_it() {
     let site = Site::new();
-    let page = page_of(&site);
+    let page = page(&site.instance);
     let (first, second) = (site.wire(), site.wire());
     let event = first.wake_event(Role::Outer).unwrap();
     let notifier = second.notifier(Role::Outer).unwrap();
@@ -141,10 +141,6 @@ fn the_page_goes_with_the_last_process_that_has_it() {
     assert!(!page.exists());
     notifier.notify().unwrap();
     assert!(wait(&event, 0), "what is mapped stays");
-}
-
-fn page_of(site: &Site) -> PathBuf {
-    Path::new("/dev/shm").join(format!("{}wake_events", site.instance.prefix()))
 }
 
 #[test]

@@ -15,11 +15,8 @@ use messages::noise::uniform;
 use messages::telemetry::Telemetry;
 use messages::topic::Topic;
 
-pub const EXPECTED: Expected = Expected {
-    run_id: 7,
-    settings: 9,
-};
-pub const EPOCH: u64 = 100;
+use crate::common::{EPOCH, EXPECTED};
+
 /// `previous_busy_ns` of good messages; bad ones have 0.
 pub const GOOD: u64 = 0x600d;
 
