@@ -177,22 +177,10 @@ fn estimating() {
 }
 
 #[test]
-fn geometric() {
+fn inner_laws() {
     inner::<Geometric>();
-}
-
-#[test]
-fn indi() {
     inner::<Indi>();
-}
-
-#[test]
-fn pid() {
     inner::<Pid>();
-}
-
-#[test]
-fn adaptive_with_a_residual_and_laws_with_an_observer() {
     inner::<AdaptiveResidual>();
     inner::<L1>();
     inner::<Mrac>();

@@ -1,6 +1,6 @@
 //! The theorem's functions and monitor: inequalities for every input and flight.
 
-use control_api::{GuardedInner, Rig};
+use control_api::Rig;
 use controller::adaptation::{Adaptation, LastTick, Weight};
 use controller::excitation::{Excitation, Shown};
 use controller::gains::PRESET_NAMES;
@@ -140,17 +140,9 @@ fn excitation_counts_what_each_column_shows_alone() {
         excitation.take(&one);
     }
     near(excitation.shown(), 1.0, 0.0, 0.0);
-    assert!((excitation.left().x - 0.9_f64.powi(10) * excitation_left_of(&both)).abs() < 1e-6);
-}
-
-/// What ten steps with a contraction leave in the first row.
-fn excitation_left_of(contraction: &Matrix3<f64>) -> f64 {
-    (0..10)
-        .fold(Matrix3::identity(), |left, _| {
-            (Matrix3::identity() - contraction) * left
-        })
-        .row(0)
-        .norm()
+    let after_both = (0..10).fold(Matrix3::identity(), |left, _| left - both * left);
+    let left = 0.9_f64.powi(10) * after_both.row(0).norm();
+    assert!((excitation.left().x - left).abs() < 1e-6);
 }
 
 fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Stamped<State> {
@@ -159,29 +151,19 @@ fn state(tick: u64, parameter: [f64; PARAMETERS]) -> Stamped<State> {
     state
 }
 
-/// An inner loop, and the monitor of what it says.
-struct Watched {
-    inner: GuardedInner,
-    monitor: TheoremMonitor,
-}
-
-fn watched() -> Watched {
-    Watched {
-        inner: inner_loop(),
-        monitor: TheoremMonitor::new(&Rig::default(), &Gains::default()),
-    }
-}
-
-impl Watched {
-    fn tick(&mut self, tick: u64, state: &Stamped<State>) -> Monitor {
-        let wrench = self.inner.tick(tick, state, &setpoint(tick));
-        *self.monitor.watch(tick, state, &setpoint(tick), &wrench)
+/// The ticks of an inner loop, each with the verdict of its monitor.
+fn watched() -> impl FnMut(u64, &Stamped<State>) -> Monitor {
+    let mut inner = inner_loop();
+    let mut monitor = TheoremMonitor::new(&Rig::default(), &Gains::default());
+    move |tick, state| {
+        let wrench = inner.tick(tick, state, &setpoint(tick));
+        *monitor.watch(tick, state, &setpoint(tick), &wrench)
     }
 }
 
 #[test]
 fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
-    let mut watched = watched();
+    let mut watch = watched();
     let mut last = Monitor::default();
     for tick in 0..30 {
         let parameter = if tick == 20 {
@@ -189,7 +171,7 @@ fn a_truth_beyond_numbers_is_a_violation_and_never_an_infinite_wrench() {
         } else {
             *Airframe::nominal().values()
         };
-        last = watched.tick(tick, &state(tick, parameter));
+        last = watch(tick, &state(tick, parameter));
         assert!(last.finite(), "{last:?}");
     }
     assert!(last.violations[Cause::Unexplained as usize] > 0);
@@ -230,13 +212,13 @@ fn estimates_that_move_against_their_samples_are_unexplained() {
 
 #[test]
 fn a_stale_state_is_counted_and_changes_nothing_else() {
-    let mut watched = watched();
+    let mut watch = watched();
     let nominal = *Airframe::nominal().values();
     for tick in 0..10 {
-        watched.tick(tick, &state(tick, nominal));
+        watch(tick, &state(tick, nominal));
     }
-    let before = watched.tick(10, &state(10, nominal));
-    let stale = watched.tick(11, &state(10, nominal));
+    let before = watch(10, &state(10, nominal));
+    let stale = watch(11, &state(10, nominal));
     assert_ne!(stale.causes & Cause::StaleInput.bit(), 0);
     let expected = Monitor {
         ticks_stale: 1,
@@ -245,8 +227,8 @@ fn a_stale_state_is_counted_and_changes_nothing_else() {
     };
     assert_eq!(stale, expected);
     // The tick after has no measured start: nothing is learnt from it, so nothing is checked.
-    let after = watched.tick(12, &state(12, nominal));
+    let after = watch(12, &state(12, nominal));
     assert_eq!(after.ticks_checked, before.ticks_checked);
-    let next = watched.tick(13, &state(13, nominal));
+    let next = watch(13, &state(13, nominal));
     assert_eq!(next.ticks_checked, before.ticks_checked + 1);
 }
