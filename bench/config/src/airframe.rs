@@ -9,14 +9,16 @@ use std::ops::Range;
 use std::path::Path;
 
 use errors::{Failure, of_toml};
+use faults::grammar::begin_of;
 use messages::limits::RotorLimits;
-use messages::parameters::{Airframe, Parameter, ParameterError, SPECS, shown};
-use toml::de::DeTable;
-use toml::{Table, Value};
+use messages::parameters::{Airframe, Parameter, ParameterError, SPECS};
+use serde::Deserialize;
+use toml::{Spanned, Table, Value};
 
 use crate::airframe_checks::impossible_body;
-use crate::toml_access::{DEFAULT_TABLE, nearest, table, text_of};
+use crate::toml_access::{DEFAULT_TABLE, nearest, text_of};
 use crate::trajectory::{is_file, sha256_of};
+use crate::validation::within;
 
 const BUILT_IN: [(&str, &str); 3] = [
     (PAPER, include_str!("../airframes/paper.toml")),
@@ -69,181 +71,129 @@ pub(super) fn design(name: &str) -> Result<Design, Failure> {
     Ok(Design { sha256, ..design })
 }
 
-/// The mistakes of a file, each with its line; those of the whole file have the last one.
-struct Mistakes<'a> {
-    text: &'a str,
-    found: Vec<(usize, String)>,
+/// An airframe file; its numbers with their places in the text.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AirframeFile {
+    airframe: Spanned<Numbers>,
+    rotor: Rotor,
+    #[serde(default)]
+    model: Numbers,
 }
 
-/// The numbers of a section by key, each with its line; `None` for a value that is no number, a mistake of its own.
-type Numbers = BTreeMap<String, (Option<f64>, usize)>;
+type Numbers = BTreeMap<String, Spanned<f64>>;
 
-const SECTIONS: [&str; 3] = ["airframe", "rotor", "model"];
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, expecting = "a section: [rotor]")]
+struct Rotor {
+    min_rad_s: Spanned<f64>,
+    max_rad_s: Spanned<f64>,
+}
 
-/// Reads the text of an airframe file, or returns every mistake in it.
+/// Reads the text of an airframe file, or returns the mistakes in it, each with its line: the first one of its form, or
+/// all of its numbers.
 fn read(text: &str) -> Result<Design, Vec<String>> {
-    let unread = |e: toml::de::Error| {
-        let line = e.span().map_or(1, |span| line_of(text, &span));
-        let what = of_toml(e.message()).replace('\n', ", ");
-        vec![format!("line {line}: {what}")]
+    let unread = |e: &toml::de::Error, what: &str| {
+        let line = line_of(text, &e.span().unwrap_or_default());
+        let source = text.lines().nth(line - 1).unwrap_or_default().trim();
+        let (source, what) = (begin_of(source), what.replace('\n', ", "));
+        vec![format!("line {line}, `{source}`: {what}")]
     };
-    let values: Table = text.parse().map_err(unread)?;
-    let spans = DeTable::parse(text).map_err(unread)?;
-    let mut mistakes = Mistakes {
-        text,
-        found: Vec::new(),
-    };
-    let mut sections = SECTIONS.map(|_| Numbers::new());
-    for (key, item) in spans.get_ref() {
-        let (name, line) = (&**key.get_ref(), line_of(text, &key.span()));
-        let place = SECTIONS.iter().position(|known| *known == name);
-        match (place, item.get_ref().as_table().zip(table(&values, name))) {
-            (Some(place), Some((spans, values))) => {
-                sections[place] = mistakes.numbers(name, spans, values);
-            }
-            (Some(_), None) => {
-                let mistake = format!("`{name}` must be a section: [{name}]");
-                mistakes.found.push((line, mistake));
-            }
-            (None, _) => {
-                let known = "the sections are [airframe], [rotor], [model]";
-                let mistake = format!("unknown `{name}`: {known}");
-                mistakes.found.push((line, mistake));
-            }
-        }
-    }
-    let [airframe, rotor, model] = &sections;
-    let airframe = mistakes.airframe(airframe);
-    let rotor = mistakes.rotor(rotor);
-    let believed = mistakes.believed(model, airframe.as_ref());
-    match airframe.filter(|_| mistakes.found.is_empty()) {
+    text.parse::<Table>()
+        .map_err(|e| unread(&e, of_toml(e.message())))?;
+    let file: AirframeFile = toml::from_str(text).map_err(|e| {
+        let what = e.message().replace("expected f64", "expected a number");
+        unread(&e, &what.replace("expected a map", "expected a section"))
+    })?;
+    let mut mistakes = Mistakes::new();
+    let airframe = check_airframe(&file.airframe, &mut mistakes);
+    let Rotor {
+        min_rad_s,
+        max_rad_s,
+    } = &file.rotor;
+    check_rotor(min_rad_s, max_rad_s, &mut mistakes);
+    check_model(&file.model, airframe.as_ref(), &mut mistakes);
+    let believed = file.model.into_iter();
+    let believed = believed.map(|(name, value)| (name, value.into_inner()));
+    match airframe.filter(|_| mistakes.is_empty()) {
         Some(airframe) => Ok(Design {
             airframe,
-            rotor,
-            believed,
+            rotor: RotorLimits {
+                min_rad_s: *min_rad_s.as_ref(),
+                max_rad_s: *max_rad_s.as_ref(),
+            },
+            believed: believed.collect(),
             sha256: String::new(),
         }),
-        None => Err(mistakes.describe()),
+        None => {
+            mistakes.sort_by_key(|(span, _)| span.start);
+            let describe = |(span, mistake)| format!("line {}: {mistake}", line_of(text, &span));
+            Err(mistakes.into_iter().map(describe).collect())
+        }
     }
 }
 
-impl Mistakes<'_> {
-    fn add_missing<'a>(
-        &mut self,
-        section: &str,
-        given: &Numbers,
-        needed: impl Iterator<Item = &'a str>,
-    ) {
-        let missing: Vec<&str> = needed.filter(|key| !given.contains_key(*key)).collect();
-        if !missing.is_empty() {
-            let mistake = format!("missing in [{section}]: {}", missing.join(", "));
-            self.found.push((usize::MAX, mistake));
+/// Mistakes and their places in the text.
+type Mistakes = Vec<(Range<usize>, String)>;
+
+fn check_airframe(given: &Spanned<Numbers>, mistakes: &mut Mistakes) -> Option<Airframe> {
+    let (before, place, given) = (mistakes.len(), given.span(), given.as_ref());
+    let mut values = *Airframe::nominal().values();
+    for (name, value) in given {
+        let parameter = Parameter::from_name(name);
+        match parameter.and_then(|it| Ok((it, it.widest().check(it, *value.as_ref())?))) {
+            Ok((parameter, value)) => values[parameter as usize] = value,
+            Err(error) => mistakes.push((value.span(), format!("airframe: {error}"))),
         }
     }
+    let is_needed = |parameter: Parameter| parameter.has_size() || parameter == Parameter::Gravity;
+    let needed = SPECS.iter().filter(|spec| is_needed(spec.parameter));
+    let mut missing: Vec<&str> = needed.map(|spec| spec.name).collect();
+    missing.retain(|name| !given.contains_key(*name));
+    if !missing.is_empty() {
+        let mistake = format!("missing in [airframe]: {}", missing.join(", "));
+        mistakes.push((place, mistake));
+    }
+    let is_right = mistakes.len() == before;
+    let airframe = Airframe::built_with(values).ok().filter(|_| is_right)?;
+    if let Some(why) = impossible_body(&airframe) {
+        mistakes.push((given["inertia_x_kg_m2"].span(), format!("airframe: {why}")));
+    }
+    Some(airframe)
+}
 
-    fn describe(mut self) -> Vec<String> {
-        self.found.sort_by_key(|(line, _)| *line);
-        let describe = |(line, mistake)| match line {
-            usize::MAX => mistake,
-            line => format!("line {line}: {mistake}"),
+fn check_rotor(min: &Spanned<f64>, max: &Spanned<f64>, mistakes: &mut Mistakes) {
+    for (key, value) in [("rotor.min_rad_s", min), ("rotor.max_rad_s", max)] {
+        if let Err(error) = within(key, *value.as_ref(), 0.0, 1e5) {
+            mistakes.push((value.span(), error.to_string()));
+        }
+    }
+    if min.as_ref() > max.as_ref() {
+        let [min_rad_s, max_rad_s] = [min, max].map(Spanned::as_ref);
+        let mistake = format!(
+            "rotor.min_rad_s = {min_rad_s} must not be above rotor.max_rad_s = {max_rad_s}"
+        );
+        mistakes.push((min.span(), mistake));
+    }
+}
+
+fn check_model(given: &Numbers, airframe: Option<&Airframe>, mistakes: &mut Mistakes) {
+    for (name, value) in given {
+        let known = || {
+            DEFAULT_TABLE["model"]
+                .as_table()
+                .into_iter()
+                .flat_map(Table::keys)
         };
-        self.found.into_iter().map(describe).collect()
-    }
-
-    fn numbers(&mut self, section: &str, spans: &DeTable<'_>, values: &Table) -> Numbers {
-        let mut numbers = Numbers::new();
-        for (key, item) in spans {
-            let (key, line) = (&**key.get_ref(), line_of(self.text, &item.span()));
-            let value = values.get(key);
-            let whole = || value?.as_integer().map(|whole| whole as f64);
-            let number = value.and_then(Value::as_float).or_else(whole);
-            if number.is_none() {
-                let found = value.map(Value::to_string).unwrap_or_default();
-                let mistake = format!("{section}.{key} = {found}: expected a number");
-                self.found.push((line, mistake));
-            }
-            numbers.insert(key.to_owned(), (number, line));
+        if !known().any(|known| known == name) {
+            let like = nearest(name, known());
+            mistakes.push((value.span(), format!("unknown key `model.{name}`{like}")));
         }
-        numbers
-    }
-
-    fn airframe(&mut self, given: &Numbers) -> Option<Airframe> {
-        let before = self.found.len();
-        let mut values = *Airframe::nominal().values();
-        for (name, &(value, line)) in given {
-            let checked = Parameter::from_name(name).and_then(|parameter| match value {
-                Some(value) => Ok((parameter, parameter.widest().check(parameter, value)?)),
-                None => Ok((parameter, f64::NAN)),
-            });
-            match checked {
-                Ok((parameter, value)) => values[parameter as usize] = value,
-                Err(error) => self.found.push((line, format!("airframe: {error}"))),
-            }
-        }
-        let needed = SPECS
-            .iter()
-            .filter(|spec| spec.parameter.has_size() || spec.parameter == Parameter::Gravity);
-        self.add_missing("airframe", given, needed.map(|spec| spec.name));
-        let is_right = self.found.len() == before;
-        let airframe = Airframe::built_with(values).ok().filter(|_| is_right)?;
-        if let Some(why) = impossible_body(&airframe) {
-            let line = given.get("inertia_x_kg_m2").map_or(1, |(_, line)| *line);
-            self.found.push((line, format!("airframe: {why}")));
-        }
-        Some(airframe)
-    }
-
-    fn rotor(&mut self, given: &Numbers) -> RotorLimits {
-        const KEYS: [&str; 2] = ["min_rad_s", "max_rad_s"];
-        for (key, &(value, line)) in given {
-            if !KEYS.contains(&key.as_str()) {
-                let mistake =
-                    format!("unknown key `rotor.{key}`: the keys are min_rad_s, max_rad_s");
-                self.found.push((line, mistake));
-            } else if let Some(value) = value.filter(|value| !(0.0..=1e5).contains(value)) {
-                let mistake = format!(
-                    "rotor.{key} = {} is out of range: allowed are 0 to 100000 rad/s",
-                    shown(value)
-                );
-                self.found.push((line, mistake));
-            }
-        }
-        self.add_missing("rotor", given, KEYS.into_iter());
-        let [(min, line), (max, _)] = KEYS.map(|key| given.get(key).copied().unwrap_or_default());
-        if let (Some(min), Some(max)) = (min, max)
-            && min > max
+        if let (Some(airframe), Ok(parameter)) = (airframe, Parameter::from_name(name))
+            && let Err(error) = airframe.check(parameter, *value.as_ref())
         {
-            let mistake =
-                format!("rotor.min_rad_s = {min} must not be above rotor.max_rad_s = {max}");
-            self.found.push((line, mistake));
+            mistakes.push((value.span(), format!("model: {error}")));
         }
-        RotorLimits {
-            min_rad_s: min.unwrap_or_default(),
-            max_rad_s: max.unwrap_or_default(),
-        }
-    }
-
-    fn believed(&mut self, given: &Numbers, airframe: Option<&Airframe>) -> BTreeMap<String, f64> {
-        let model = table(&DEFAULT_TABLE, "model")
-            .into_iter()
-            .flat_map(Table::keys);
-        let model: Vec<&String> = model.collect();
-        let mut believed = BTreeMap::new();
-        for (name, &(value, line)) in given {
-            if !model.contains(&name) {
-                let like = nearest(name, model.iter().copied());
-                self.found
-                    .push((line, format!("unknown key `model.{name}`{like}")));
-            }
-            let Some(value) = value else { continue };
-            if let (Some(airframe), Ok(parameter)) = (airframe, Parameter::from_name(name))
-                && let Err(error) = airframe.check(parameter, value)
-            {
-                self.found.push((line, format!("model: {error}")));
-            }
-            believed.insert(name.clone(), value);
-        }
-        believed
     }
 }
 
@@ -341,34 +291,33 @@ mod tests {
     }
 
     #[test]
-    fn all_mistakes_of_a_file_are_reported_at_once_with_their_lines() {
+    fn all_wrong_numbers_of_a_file_are_reported_at_once_with_their_lines() {
         let paper = BUILT_IN[0].1;
         let believes = |what: &str| format!("{paper}\n[model]\n{what}\n");
-        let wrong = "[airframe]\nmas_kg = 1\ngravity_m_s2 = nan\narm_length_m = \"long\"\nmotor_time_constant_s = 9\n\
-                     [rotor]\nmin_rad_s = -3\nidle = 4\n[modle]\n[model]\nrotor_inertia_kg_m2 = 1\n";
+        let rotor = "[rotor]\nmin_rad_s = 3\nmax_rad_s = 400\n";
+        let wrong = "[airframe]\nmas_kg = 1\ngravity_m_s2 = nan\narm_length_m = 1\nmotor_time_constant_s = 9\n\
+                     [rotor]\nmin_rad_s = -3\nmax_rad_s = -4\n[model]\nrotor_inertia_kg_m2 = 1\n";
         for (text, expected) in [
             (
                 wrong,
-                "line 2: airframe: unknown parameter `mas_kg`; did you mean `mass_kg`?
+                "line 1: missing in [airframe]: mass_kg, translational_drag_kg_s, rotational_drag_nm_s, thrust_coefficient_n_s2,
+                 line 2: airframe: unknown parameter `mas_kg`; did you mean `mass_kg`?
                  line 3: airframe: gravity_m_s2 = NaN is out of range: allowed are 0.0 to 30.0 m/s^2
-                 line 4: airframe.arm_length_m = \"long\": expected a number
                  line 5: airframe: motor_time_constant_s = 9 is out of range
-                 line 7: rotor.min_rad_s = -3 is out of range
-                 line 8: unknown key `rotor.idle`
-                 line 9: unknown `modle`
-                 line 11: unknown key `model.rotor_inertia_kg_m2`
-                 missing in [airframe]: mass_kg, translational_drag_kg_s, rotational_drag_nm_s, thrust_coefficient_n_s2,
-                 missing in [rotor]: max_rad_s",
+                 line 7: rotor.min_rad_s = -3 is out of range: allowed are 0
+                 line 7: rotor.min_rad_s = -3 must not be above rotor.max_rad_s = -4
+                 line 8: rotor.max_rad_s = -4 is out of range
+                 line 10: unknown key `model.rotor_inertia_kg_m2`",
             ),
-            ("[airframe\n", "line 1: "),
-            (&believes("mass_kg = \"light\""), "line 25: model.mass_kg = \"light\": expected a number"),
+            ("[airframe\n", "line 1, `[airframe`: "),
+            (&believes("mass_kg = \"light\""), "line 25, `mass_kg = \"light\"`: invalid type: string \"light\", expected a number"),
             (&believes("mass_kg = 50"), "line 25: model: mass_kg = 50 is out of range"),
-            (
-                "airframe = 3\n",
-                "line 1: `airframe` must be a section
-                 missing in [airframe]:
-                 missing in [rotor]: min_rad_s, max_rad_s",
-            ),
+            (&format!("{paper}[modle]\n"), "line 23, `[modle]`: unknown field `modle`, expected one of"),
+            (&format!("airframe = 3\n{rotor}"), "line 1, `airframe = 3`: invalid type: integer `3`, expected a section"),
+            ("rotor = 3\n[airframe]\n", "line 1, `rotor = 3`: invalid type: integer `3`, expected a section: [rotor]"),
+            (&format!("{rotor}idle = 4\n[airframe]\n"), "line 4, `idle = 4`: unknown field `idle`, expected `min_rad_s` or `max_rad_s`"),
+            ("[airframe]\n[rotor]\nmin_rad_s = 3\n", "line 2, `[rotor]`: missing field `max_rad_s`"),
+            (rotor, "line 1, `[rotor]`: missing field `airframe`"),
         ] {
             let mistakes = read(text).unwrap_err();
             let expected: Vec<&str> = expected.lines().map(str::trim_start).collect();
