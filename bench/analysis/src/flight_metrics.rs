@@ -3,7 +3,6 @@
 //! They use the true state, not the measured one.
 
 use crate::comparison::{Effort, ErrorFigures, Figures, Flight, POWER, TRUE_ERROR};
-use crate::effort::EffortStatistics;
 use crate::recovery::{Recoveries, RecoveryBounds};
 use crate::schema::ControlPerformance;
 use crate::tracer::{Merge as _, Range, Stretches};
@@ -17,7 +16,6 @@ use messages::parameters::Airframe;
 #[derive(Debug)]
 pub struct FlightMetrics {
     pub tracking: TrackingStatistics,
-    commands: EffortStatistics,
     /// Smallest component of body z along the vertical: it gives the largest tilt.
     upright_min: f64,
     /// Sum of the cubed rotor speeds in hover, of the airframe as it was built [rad^3/s^3].
@@ -30,7 +28,6 @@ impl FlightMetrics {
         let hover = airframe.as_built().hover_speed_rad_s();
         Self {
             tracking: TrackingStatistics::new(period_s),
-            commands: EffortStatistics::default(),
             upright_min: 1.0,
             hover: ROTORS as f64 * hover * hover * hover,
             power_sum: 0.0,
@@ -51,7 +48,7 @@ impl FlightMetrics {
 
     /// Adds a rotor command.
     pub fn command(&mut self, rotors: &RotorSpeeds) {
-        self.commands.take(rotors);
+        self.tracking.effort.take(rotors);
     }
 
     pub fn tilt_max_rad(&self) -> f64 {
@@ -59,15 +56,11 @@ impl FlightMetrics {
         math::atan2((1.0 - upright * upright).max(0.0).sqrt(), upright)
     }
 
-    pub fn performance(&self) -> ControlPerformance {
-        self.tracking.performance(&self.commands)
-    }
-
     pub fn effort(&self) -> Effort {
         Effort {
             power: self.power_sum / self.tracking.states.max(1) as f64,
-            agitation_rad_s: self.commands.agitation_rad_s(),
-            saturated_percent: self.commands.saturated_percent(),
+            agitation_rad_s: self.tracking.effort.agitation_rad_s(),
+            saturated_percent: self.tracking.effort.saturated_percent(),
         }
     }
 }
@@ -140,7 +133,7 @@ impl ComparedFlight {
             yaw_error,
             tilt_error,
             ..
-        } = self.metrics.performance();
+        } = self.metrics.tracking.performance();
         Figures {
             error: part(0, u64::MAX).unwrap_or_default(),
             error_before: first.and_then(|first| part(0, first)),

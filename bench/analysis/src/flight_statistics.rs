@@ -354,7 +354,7 @@ impl FlightStatistics {
         let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
         let follows_loss = self.loop_message(2, message, content.mode, &content.telemetry, loop_ns);
         self.freshness.command(envelope, content.mode);
-        self.stages.flight.effort.take(content);
+        self.stages.flight.tracking.effort.take(content);
         let command = StampedCommand {
             tick: envelope.tick,
             sent_ns,

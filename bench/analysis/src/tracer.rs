@@ -66,7 +66,7 @@ impl Tracer {
             self.tracking.reference(joined.tick, &joined.state),
         );
         let reference = reference.position_w_m;
-        let distance_m = self.tracking.error_m(tick, &joined.state);
+        let distance_m = self.tracking.error_m(tick, &joined.state, None);
         let channels = channels(joined, &self.laws, reference, distance_m);
         if self.names.is_empty() {
             self.names = channels.iter().map(|(name, _)| *name).collect();

@@ -51,53 +51,35 @@ impl Tracking {
         self.course.flown(tick as f64 * self.period_s, state)
     }
 
-    /// Looks at the reference of a tick: that of its setpoint, if there is one, which has it already.
-    fn of_reference<R>(
-        &self,
-        (tick, state): (u64, &State),
-        setpoint: Option<&Setpoint>,
-        look: impl FnOnce(&Reference) -> R,
-    ) -> R {
-        match setpoint {
-            Some(setpoint) => look(&setpoint.reference),
-            None => look(&self.reference(tick, state)),
-        }
+    /// True distance of the state of a tick from its reference, which the setpoint of the tick has already [m].
+    pub fn error_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
+        let reference = setpoint.map(|setpoint| setpoint.reference);
+        state.position_error_m(&reference.unwrap_or_else(|| self.reference(tick, state)))
     }
 
-    /// True distance of the state of a tick from its reference [m].
-    pub fn error_m(&self, tick: u64, state: &State) -> f64 {
-        self.setpoint_error_m(tick, state, None)
-    }
-
-    /// True distance of the state of a tick from the reference of its setpoint, if there is one [m].
-    pub fn setpoint_error_m(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> f64 {
-        self.of_reference((tick, state), setpoint, |reference| {
-            state.position_error_m(reference)
-        })
-    }
-
-    /// True errors of the state of a tick, against the reference of its setpoint, if there is one.
+    /// True errors of the state of a tick from its reference, which the setpoint of the tick has already.
     pub fn errors(&self, tick: u64, state: &State, setpoint: Option<&Setpoint>) -> StateErrors {
-        self.of_reference((tick, state), setpoint, |reference| {
-            [
-                state.position_error_m(reference),
-                state.yaw_error_rad(reference),
-                state.tilt_error_rad(reference),
-            ]
-        })
+        let reference = setpoint.map(|setpoint| setpoint.reference);
+        let reference = &reference.unwrap_or_else(|| self.reference(tick, state));
+        [
+            state.position_error_m(reference),
+            state.yaw_error_rad(reference),
+            state.tilt_error_rad(reference),
+        ]
     }
 }
 
 /// Length of the end of a flight that says whether it tracked [s].
 pub const RECENT_S: f64 = 5.0;
 
-/// Errors of a flight, summed up; its lowest point, and its last few seconds.
+/// Errors and effort of a flight, summed up; its lowest point, and its last few seconds.
 #[derive(Clone, Debug)]
 pub struct TrackingStatistics {
     length_ticks: u64,
     period_s: f64,
     pub states: u64,
     errors: [ErrorStatistics; 3],
+    pub effort: EffortStatistics,
     first_tick: Option<u64>,
     newest_tick: u64,
     lowest_z_m: f64,
@@ -153,6 +135,7 @@ impl TrackingStatistics {
             period_s,
             states: 0,
             errors: Default::default(),
+            effort: EffortStatistics::default(),
             first_tick: None,
             newest_tick: 0,
             lowest_z_m: f64::INFINITY,
@@ -201,8 +184,8 @@ impl TrackingStatistics {
     }
 
     /// The figures of the flight so far.
-    pub fn performance(&self, effort: &EffortStatistics) -> ControlPerformance {
-        let position = self.position();
+    pub fn performance(&self) -> ControlPerformance {
+        let (position, effort) = (self.position(), &self.effort);
         ControlPerformance {
             position_error_rms_m: position.rms(),
             position_error_max_m: position.max,
@@ -226,7 +209,6 @@ impl TrackingStatistics {
 pub(super) struct ControlStatistics {
     pub(super) truth: [f64; 3],
     pub(super) tracking: TrackingStatistics,
-    pub(super) effort: EffortStatistics,
     /// What the inner law estimates, where it does.
     pub(super) estimate: Option<[f64; 3]>,
     /// Length of the newest rate error that was known [rad/s].
@@ -238,7 +220,6 @@ impl ControlStatistics {
         Self {
             truth: [0.0; 3],
             tracking: TrackingStatistics::new(period_s),
-            effort: EffortStatistics::default(),
             estimate: None,
             rate_error: None,
         }
@@ -262,7 +243,7 @@ impl ControlStatistics {
         ControlPerformance {
             rate_error_final_rad_s: self.rate_error,
             estimates: (0..3).filter_map(estimate).collect(),
-            ..self.tracking.performance(&self.effort)
+            ..self.tracking.performance()
         }
     }
 }
@@ -297,11 +278,11 @@ mod tests {
             let expected = bits(reference.position_w_m, reference.yaw_rad);
             assert_eq!(found, expected, "tick {tick}");
             let error_m = content.position_error_m(&setpoint.reference).to_bits();
-            assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
-            let from_setpoint_m = tracking.setpoint_error_m(0, &content, Some(&setpoint));
+            assert_eq!(tracking.error_m(tick, &content, None).to_bits(), error_m);
+            let from_setpoint_m = tracking.error_m(0, &content, Some(&setpoint));
             assert_eq!(from_setpoint_m.to_bits(), error_m);
             content.measured = Measured::default();
-            assert_eq!(tracking.error_m(tick, &content).to_bits(), error_m);
+            assert_eq!(tracking.error_m(tick, &content, None).to_bits(), error_m);
         }
     }
 
@@ -314,7 +295,7 @@ mod tests {
             tracking.take(tick, &state, &[error, 2.0 * error, 3.0 * error]);
         };
         let numbers = |it: &TrackingStatistics| {
-            let of = it.performance(&EffortStatistics::default());
+            let of = it.performance();
             [of.recent_error_max_m, of.recent_s, of.lowest_z_m]
         };
         assert_eq!(numbers(&tracking), [0.0; 3]);

@@ -6,7 +6,6 @@ use messages::header::Message;
 use messages::output_hash::OutputHash;
 
 use crate::log_check::LogCheck;
-use analysis::effort::EffortStatistics;
 use analysis::faults::AppliedSwap;
 use analysis::phrase::count;
 use analysis::tracking::{Tracking, TrackingStatistics};
@@ -24,10 +23,9 @@ pub struct Summary {
     /// Ticks skipped and deadlines missed before the first counted tick.
     before: [u64; 2],
     newest: Option<(u64, State)>,
-    errors: TrackingStatistics,
+    statistics: TrackingStatistics,
     inner: Modes,
     mixer: Modes,
-    effort: EffortStatistics,
     estimate: [f64; 3],
     /// Over all replayed outputs.
     pub outputs: OutputHash,
@@ -43,10 +41,9 @@ impl Summary {
             takeovers: 0,
             before: [0; 2],
             newest: None,
-            errors: TrackingStatistics::new(tracking.period_s()),
+            statistics: TrackingStatistics::new(tracking.period_s()),
             inner: [0; Mode::ALL.len()],
             mixer: [0; Mode::ALL.len()],
-            effort: EffortStatistics::default(),
             estimate: [0.0; 3],
             outputs: OutputHash::default(),
         }
@@ -60,7 +57,7 @@ impl Summary {
         self.ticks += 1;
         self.newest = Some((tick, *state));
         let errors = self.tracking.errors(tick, state, None);
-        self.errors.take(tick, state, &errors);
+        self.statistics.take(tick, state, &errors);
     }
 
     /// Takes all missed deadlines of a flight that is over.
@@ -77,7 +74,7 @@ impl Summary {
 
     pub fn rotor_speeds(&mut self, speeds: &RotorSpeeds) {
         take(&mut self.mixer, speeds.mode);
-        self.effort.take(speeds);
+        self.statistics.effort.take(speeds);
     }
 
     /// Ticks from the first to the newest one, including skipped ones.
@@ -97,7 +94,7 @@ impl Summary {
             from => format!("from tick {from} "),
         };
         let replayed = count(self.ticks, "tick");
-        let performance = self.errors.performance(&self.effort);
+        let performance = self.statistics.performance();
         let errors = render::sentences::errors(&performance).join("\n");
         let effort = render::sentences::effort(&performance);
         let effort = effort.unwrap_or_else(|| "no rotor command".into());

@@ -9,7 +9,6 @@ use messages::parameters::ESTIMATED;
 use crate::recorded_timing::Timing;
 use crate::simulator::Simulator;
 pub use crate::simulator::simulated_flight::{Judge, SimulatedFlight, fly, fly_batch, fly_with};
-use analysis::effort::EffortStatistics;
 use analysis::firmware::FirmwareStatistics;
 use analysis::laws::NotFinite;
 use analysis::phrase::count;
@@ -79,7 +78,7 @@ pub fn report(
         states.flush()?;
     }
     let theorem = observations.theorem.section();
-    let performance = observations.performance();
+    let performance = observations.statistics.performance();
     let result = AcceptanceResult::of(Gate::of_simulation(
         &settings.requested_gates(),
         flown.departure.as_deref(),
@@ -160,8 +159,7 @@ struct Observations {
     unusable: InvalidOutputs,
     firmware: FirmwareStatistics,
     tracking: Tracking,
-    errors: TrackingStatistics,
-    effort: EffortStatistics,
+    statistics: TrackingStatistics,
 }
 
 impl Observations {
@@ -181,13 +179,8 @@ impl Observations {
             unusable: InvalidOutputs::default(),
             firmware,
             tracking,
-            errors: TrackingStatistics::new(tracking.period_s()),
-            effort: EffortStatistics::default(),
+            statistics: TrackingStatistics::new(tracking.period_s()),
         })
-    }
-
-    fn performance(&self) -> ControlPerformance {
-        self.errors.performance(&self.effort)
     }
 
     fn take(&mut self, rig: &Simulator) {
@@ -195,10 +188,10 @@ impl Observations {
         let (tick, state) = (rig.flown_tick(), rig.state());
         if rig.has_state() {
             let errors = self.tracking.errors(tick, state, rig.setpoint());
-            self.errors.take(tick, state, &errors);
+            self.statistics.take(tick, state, &errors);
         }
         if let Some(speeds) = rig.new_rotor_speeds() {
-            self.effort.take(speeds);
+            self.statistics.effort.take(speeds);
         }
         let actual = rig.state().truth.theta();
         self.theorem.truth(actual);

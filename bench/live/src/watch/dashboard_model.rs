@@ -410,7 +410,7 @@ impl WatchedFlight {
             LogEntry::State(message) => {
                 self.state = Some(message.content);
                 let tick = message.envelope.tick;
-                let error_m = self.tracking.error_m(tick, &message.content);
+                let error_m = self.tracking.error_m(tick, &message.content, None);
                 self.position_error
                     .take(self.run.flight_time_s(tick), error_m);
                 self.note_pose(tick, error_m);
@@ -493,7 +493,7 @@ impl WatchedFlight {
     /// The pose of the newest state; none before the first.
     pub fn newest_pose(&self) -> Option<Pose> {
         let (tick, state) = (self.tick(), self.state.as_ref()?);
-        Some(self.pose(tick, self.tracking.error_m(tick, state)))
+        Some(self.pose(tick, self.tracking.error_m(tick, state, None)))
     }
 
     /// The reference over at most a minute from the start of the flight, one point each [`POINT_S`] [m]; no point of a

@@ -219,7 +219,7 @@ impl Judge {
     /// Checks the state with the outputs of the stages.
     fn leaves(&mut self, rig: &Simulator) {
         let (tick, state, setpoint) = (rig.state.tick, rig.state(), rig.setpoint());
-        let error_m = self.tracking.setpoint_error_m(tick, state, setpoint);
+        let error_m = self.tracking.error_m(tick, state, setpoint);
         let allowed_m = self.allowed_m;
         self.error_max_m = self.error_max_m.max(error_m);
         if error_m > allowed_m {
