@@ -3,6 +3,7 @@
 //! Without such an observation the cause is unknown, and the evidence says what was observed.
 
 use crate::observations::{Delay, Life, Observations};
+use crate::phrase::{list, surrounded};
 use crate::processor_trace::RunnerTime;
 use messages::role::{Role, STAGES};
 use serde::{Deserialize, Serialize};
@@ -168,14 +169,8 @@ impl Attribution {
             us: ns as f64 / 1e3,
         });
         let ran: Vec<RunnerTime> = ran.collect();
-        let longest = ran.iter().take(RUNNERS_IN_WORDS);
-        let longest: Vec<String> = longest
-            .map(|it| format!("{} {:.0} us", it.who, it.us))
-            .collect();
-        let meanwhile = match longest.is_empty() {
-            true => String::new(),
-            false => format!("; meanwhile ran {}", longest.join(", ")),
-        };
+        let longest = list(ran.iter().take(RUNNERS_IN_WORDS));
+        let meanwhile = surrounded("; meanwhile ran ", &longest, "");
         Self {
             class,
             delay: Some(*delay),

@@ -3,7 +3,7 @@
 //! The stamps are exact. Kernel counters are sampled each time the recorder runs, every 10 ms: their growth is known only
 //! between two samples, and a stop that begins and ends between two samples is not seen.
 
-use crate::phrase::count;
+use crate::phrase::{count, list};
 use crate::processor_trace::{Runner, Slice, runners};
 use messages::grid::Grid;
 use messages::role::{MOST_CHANNELS, Role, STAGES};
@@ -141,8 +141,7 @@ impl Observations<'_> {
         let stages = STAGES.into_iter().map(|role| (role, ticks(role)));
         let stages = stages.filter(|(_, ticks)| *ticks > 0);
         let stages = stages.map(|(role, ticks)| format!("{role} in {}", count(ticks, "tick")));
-        let stages: Vec<String> = stages.collect();
-        format!("message faults withheld an input of {}", stages.join(", "))
+        format!("message faults withheld an input of {}", list(stages))
     }
 
     /// The cut-off of a stage in the channel that flew by the last sample before the tick [ns].

@@ -1,4 +1,4 @@
-//! Numbers with a noun, the names of values, and sentences wrap for a terminal.
+//! Numbers with a noun, lists, the names of values, and sentences wrapped for a terminal.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -20,6 +20,20 @@ pub fn wrap(sentence: &str) -> Vec<String> {
 
 pub fn count(number: u64, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
+}
+
+/// Items with commas between them.
+pub fn list(items: impl IntoIterator<Item = impl ToString>) -> String {
+    let items: Vec<String> = items.into_iter().map(|item| item.to_string()).collect();
+    items.join(", ")
+}
+
+/// A part of a sentence with what surrounds it; empty without that part.
+pub fn surrounded(before: &str, part: &str, after: &str) -> String {
+    match part {
+        "" => String::new(),
+        part => format!("{before}{part}{after}"),
+    }
 }
 
 /// A number with these digits after the point; with as many more as it takes to show on which side of its limit it is.

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt;
 
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Runner {
@@ -39,6 +40,12 @@ pub struct RunnerTime {
     pub who: String,
     /// How long [us].
     pub us: f64,
+}
+
+impl fmt::Display for RunnerTime {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {:.0} us", self.who, self.us)
+    }
 }
 
 /// How long each had the processor in a span; nothing where the trace does not cover at least half of it.

@@ -2,7 +2,7 @@
 //!
 //! docs/theorem.md explains how to read it.
 
-use crate::phrase::count;
+use crate::phrase::{count, list, surrounded};
 use controller::FlightMonitor;
 use controller::assumptions::EXCUSES;
 use controller::excitation::EXCITING;
@@ -99,11 +99,8 @@ impl Theorem {
     /// In how many ticks V_th could be judged, and how often it rose.
     pub fn counts(&self) -> String {
         let ticks = count(self.ticks, "tick");
-        let mut counts = format!("V_th judged in {} of {ticks}", self.ticks_judged);
-        let unjudged = listed(&self.unjudged);
-        if !unjudged.is_empty() {
-            counts += &format!(" ({})", unjudged.join(", "));
-        }
+        let unjudged = surrounded(" (", &list(listed(&self.unjudged)), ")");
+        let mut counts = format!("V_th judged in {} of {ticks}{unjudged}", self.ticks_judged);
         if self.ticks_unwatched > 0 {
             let unwatched = self.ticks_unwatched;
             let why = "a message was lost, or another process took over";
@@ -245,10 +242,8 @@ impl Torque {
             causes.push(format!("not compared in {unknown} more"));
         }
         let (acted, rotors) = (self.acted(), count(self.rotors, "tick"));
-        let mut says = format!("the torque of (19) acted in {acted} of {rotors}");
-        if !causes.is_empty() {
-            says += &format!(" ({})", causes.join(", "));
-        }
+        let causes = surrounded(" (", &list(causes), ")");
+        let mut says = format!("the torque of (19) acted in {acted} of {rotors}{causes}");
         if self.wrenches < ticks / 2 {
             let wrenches = count(self.wrenches, "wrench message");
             says += &format!("; only {wrenches} could be compared with (19)");
@@ -592,8 +587,7 @@ fn by_cause(counts: &[u64; CAUSES]) -> BTreeMap<String, u64> {
 fn convergence(monitor: &Monitor, estimates: &[Watched], broken: &[String]) -> String {
     let names = |pick: &dyn Fn(&Watched) -> bool| {
         let picked = estimates.iter().filter(|estimate| pick(estimate));
-        let names: Vec<&str> = picked.map(|estimate| estimate.name.as_str()).collect();
-        names.join(", ")
+        list(picked.map(|estimate| &estimate.name))
     };
     let exciting = monitor.excitation_least >= EXCITING;
     let least = monitor.excitation_least;

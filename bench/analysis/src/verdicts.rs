@@ -4,7 +4,7 @@
 //! that is late can still track. Each comes with the numbers that it follows from.
 
 use crate::host::{STEAL_LIMIT_PERCENT, Steal};
-use crate::phrase::{beside, count};
+use crate::phrase::{beside, count, list, surrounded};
 use crate::schema::{
     ControlPerformance, Explained, FlightVerdict, NotFresh, QuantityError, Report, Speed,
     StabilityVerdict, Ticks, TimingVerdict, Verdicts,
@@ -130,20 +130,15 @@ pub fn flight_verdict(
             let value = beside(error.recent_max, *limit, 4);
             format!("{name} up to {value} {unit} (limit {limit} {unit})")
         });
-        let words = words.collect::<Vec<_>>().join(", ");
         let recent_s = performance.recent_s;
         let larger = judged.iter().filter(|(error, limit)| error.max > *limit);
         let larger = larger
             .filter(|(error, _)| error.max > error.recent_max)
             .map(|(error, _)| format!("{} up to {:.4} {}", error.name, error.max, error.unit));
-        let larger: Vec<String> = larger.collect();
-        let before = match larger.is_empty() {
-            true => String::new(),
-            false => format!("; before that {}", larger.join(", ")),
-        };
+        let before = surrounded("; before that ", &list(larger), "");
         let digits = if recent_s < 0.1 { 3 } else { 1 };
         let recent = format!("in the last {recent_s:.digits$} s");
-        (word, format!("{words} {recent}{before}"))
+        (word, format!("{} {recent}{before}", list(words)))
     };
     Explained::new(word, why)
 }

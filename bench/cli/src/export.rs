@@ -15,7 +15,7 @@ use messages::topic::Topic;
 
 use crate::cli::ExportArgs;
 use crate::table_file::{TableFile, TableFormat};
-use analysis::phrase::count;
+use analysis::phrase::{count, list};
 use analysis::schema::Report;
 use analysis::states::{Joined, Joiner};
 use analysis::tracking::Tracking;
@@ -139,14 +139,11 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
     let mut writer = PerfettoWriter::new(out, faults.collect(), pace).in_file("write", &path)?;
     if let (Some(report), Some(Pace::Realtime(grid))) = (&report, pace) {
         for case in report.autopsy.worst.iter().filter(|it| !it.ran.is_empty()) {
-            let ran = case
-                .ran
-                .iter()
-                .map(|it| format!("{} {:.0} us", it.who, it.us));
-            let ran = ran.collect::<Vec<_>>().join(", ");
             let ends_us = [case.due_us, case.due_us + case.delay_us];
             let ends_ns = ends_us.map(|us| grid.begin_of(case.tick) + (us * 1e3) as u64);
-            writer.others(ends_ns, &ran).in_file("write", &path)?;
+            writer
+                .others(ends_ns, &list(&case.ran))
+                .in_file("write", &path)?;
         }
     }
     let trace = |writer: &mut PerfettoWriter<_>, log: &mut LogReader| {

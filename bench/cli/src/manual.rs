@@ -8,6 +8,7 @@ use clap_mangen::Man;
 
 use crate::cli::{Cli, CompletionsArgs, DocsArgs, ManArgs};
 use crate::export::create_for;
+use analysis::phrase::list;
 use config::law_settings::meant_or_known;
 use errors::output::print;
 use errors::{Failure, InFile as _, OK, read_text};
@@ -101,9 +102,9 @@ fn find<'a>(cli: &'a Command, words: &[String]) -> Result<&'a Command, Failure> 
     let named = commands.iter().find(|command| page_name(command) == name);
     named.copied().ok_or_else(|| {
         let short = |it: &&Command| page_name(it)[NAME.len() + 1..].replace('-', " ");
-        let known: Vec<String> = commands[1..].iter().map(short).collect();
+        let known = list(commands[1..].iter().map(short));
         Failure::usage(format!("ironbird has no command `{}`", words.join(" ")))
-            .help(format!("name one of: {}", known.join(", ")))
+            .help(format!("name one of: {known}"))
     })
 }
 

@@ -3,7 +3,7 @@
 use crate::document::{Table, known, row, us};
 use crate::latencies::notes;
 use crate::{flight, outages as outage_section, sentences as shared};
-use analysis::phrase::{INDENT, WIDTH, count, wrap};
+use analysis::phrase::{INDENT, WIDTH, count, list, wrap};
 use analysis::process_failures;
 use analysis::schema::{FlightVerdict, Report, Speed};
 use messages::role::{Role, STAGES};
@@ -217,8 +217,8 @@ fn outages(report: &Report) -> Option<String> {
 fn floors(report: &Report) -> Option<String> {
     let beside = report.beside.as_ref()?;
     let times = |it: flight::BaselineRatio<'_>| {
-        let times = it.times.map(|it| known(it.map(|it| format!("{it:.2}"))));
-        format!("{} is {} times a {}", it.series, times.join(", "), it.floor)
+        let times = list(it.times.map(|it| known(it.map(|it| format!("{it:.2}")))));
+        format!("{} is {times} times a {}", it.series, it.floor)
     };
     let all: Vec<String> = flight::baseline_ratios(beside, report).map(times).collect();
     Some(format!("Floors    at p50, p99, p99.9: {}", all.join("; ")))

@@ -4,6 +4,7 @@ use crate::comparison::{conditions, significant, thousandths};
 use crate::document::{Block, Cell, Document, Section, Table, known};
 use crate::plot::STYLE;
 use analysis::comparison::{Comparison, ErrorFigures, Figures, Laws, Outcome, SETTLING_S};
+use analysis::phrase::list;
 use analysis::statistics::{median, median_interval};
 use maud::{Markup, PreEscaped, html};
 
@@ -138,8 +139,7 @@ impl Cases {
         let case = |(name, comparison): (&String, &Comparison)| {
             let flight = &comparison.flight;
             let faults = flight.faults.iter();
-            let faults = faults.map(|it| format!("{} at {:.3} s", it.what, it.time_s));
-            let faults = faults.collect::<Vec<_>>().join(", ");
+            let faults = list(faults.map(|it| format!("{} at {:.3} s", it.what, it.time_s)));
             format!("{name}: {}; {faults}", conditions(flight))
         };
         let items = Block::Items(self.flights().map(case).collect());

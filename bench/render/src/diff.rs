@@ -2,7 +2,7 @@
 
 use crate::document::{self, Block, known, row, table};
 use analysis::diff::{Conclusion, Diff, Difference, FigureDiff, LEVEL_OF_THREE, Says, Side};
-use analysis::phrase::{count, wrap};
+use analysis::phrase::{count, list, wrap};
 use analysis::schema::NOT_FRESH;
 use serde_json::Value;
 use std::ops::RangeInclusive;
@@ -136,5 +136,5 @@ fn values(values: &[Value]) -> String {
         Value::String(text) => text.clone(),
         other => other.to_string(),
     };
-    values.iter().map(one).collect::<Vec<_>>().join(", ")
+    list(values.iter().map(one))
 }

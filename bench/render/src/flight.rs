@@ -8,6 +8,7 @@ use analysis::baseline::Baseline;
 use analysis::faults::{ProcessFailure, RecoveryPhases};
 use analysis::host::{ContainerSection, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
+use analysis::phrase::{list, surrounded};
 use analysis::process_failures::{COST_S, number};
 use analysis::schema::{
     ChannelOutage, LawSection, LogSection, LoopUsage, NOT_FRESH, RedundancySection, Report,
@@ -158,13 +159,20 @@ pub(crate) fn key_figures(report: &Report) -> Vec<(&'static str, String, String)
 }
 
 fn head(report: &Report) -> Vec<Block> {
-    let mut blocks = vec![verdicts(report)];
-    blocks.extend(machine(report));
+    [vec![verdicts(report)], machine(report), exceptions(report)].concat()
+}
+
+/// What is missing in the record, why the flight was lost, and what a process that died said last.
+pub(crate) fn exceptions(report: &Report) -> Vec<Block> {
     let missing = sentences::warnings(report).into_iter();
-    blocks.extend(missing.map(Block::Warning));
+    let mut blocks: Vec<Block> = missing.map(Block::Warning).collect();
     let loss = report.loss.as_ref().map(sentences::loss);
     blocks.extend(loss.map(|why| Block::Fact("Why lost", why)));
-    blocks.extend(last_messages(report));
+    let messages = &report.run.last_words;
+    if !messages.is_empty() {
+        blocks.push(Block::Paragraph("Last messages of the process".into()));
+        blocks.push(Block::Items(messages.clone()));
+    }
     blocks
 }
 
@@ -194,25 +202,13 @@ pub(crate) fn machine(report: &Report) -> Vec<Block> {
         steal.processors()
     ));
     let doctor = &report.doctor;
-    let mut set_up = format!("real time by the set-up: {}", name_of(&doctor.verdict));
-    if !doctor.reasons.is_empty() {
-        set_up += &format!(" ({})", doctor.reasons.join("; "));
-    }
-    say(set_up);
+    let (class, reasons) = (name_of(&doctor.verdict), doctor.reasons.join("; "));
+    let reasons = surrounded(" (", &reasons, ")");
+    say(format!("real time by the set-up: {class}{reasons}"));
     if report.container != ContainerSection::default() {
         say(container(&report.container));
     }
     blocks
-}
-
-/// Of a process that died.
-pub(crate) fn last_messages(report: &Report) -> Vec<Block> {
-    let messages = &report.run.last_words;
-    if messages.is_empty() {
-        return Vec::new();
-    }
-    let title = "Last messages of the process".to_owned();
-    vec![Block::Paragraph(title), Block::Items(messages.clone())]
 }
 
 pub fn ending(report: &Report) -> &str {
@@ -260,7 +256,7 @@ pub fn laws(laws: &BTreeMap<String, LawSection>) -> String {
         let file = law.file_name().map(|name| format!(" ({name}{slow})"));
         format!("{role} {}{}", law.name, file.unwrap_or_default())
     };
-    in_order(laws).map(named).collect::<Vec<_>>().join(", ")
+    list(in_order(laws).map(named))
 }
 
 fn deadlines(report: &Report) -> Vec<Block> {
@@ -375,7 +371,7 @@ fn deaths(report: &Report) -> Vec<Block> {
         items.push(failure_line(report, death));
         items.extend(death.back_parts.as_ref().map(|phases| {
             let phases = recovery_phases(phases).map(|(phase, ms)| format!("{phase} {ms:.2}"));
-            format!("  a new process [ms]: {}", phases.join(", "))
+            format!("  a new process [ms]: {}", list(phases))
         }));
     }
     if report.deaths_left_out > 0 {
@@ -624,7 +620,7 @@ fn grants(role: &RoleSection) -> String {
     });
     match role.realtime.is_empty() {
         true => "nothing requested: not real-time".into(),
-        false => steps.collect::<Vec<_>>().join(", "),
+        false => list(steps),
     }
 }
 

@@ -8,7 +8,7 @@ use analysis::margin::{
     CALM, Kind, LIMITS, LawMargins, LoopMargin, Margins, Point, RECOVERS, SURVIVES, Search,
     UNNOTICED,
 };
-use analysis::phrase::{count, name_of};
+use analysis::phrase::{count, list, name_of};
 
 /// Errors below are drawn as this [m].
 const ERROR_MIN_M: f64 = 1e-4;
@@ -229,10 +229,9 @@ fn patterns(margins: &Margins) -> Vec<Block> {
         };
         inputs.iter().map(most).collect()
     };
-    let lengths: Vec<String> = lengths.iter().map(u64::to_string).collect();
     let title = format!(
         "Patterns: how many messages in a row of every {} may be lost (survives); least of {}",
-        lengths.join(", "),
+        list(&lengths),
         phases_of(margins, margins.sparse)
     );
     vec![Block::Heading(title), table(margins, &inputs, cells)]

@@ -9,7 +9,7 @@ use crate::sentences;
 use analysis::outages::{
     CauseCount, OutageCase, OutageSection, TimelineStage, TimelineTick, WORST_SHOWN,
 };
-use analysis::phrase::count;
+use analysis::phrase::{self, count, surrounded};
 use analysis::schema::{Report, Speed};
 use messages::role::STAGES;
 
@@ -126,10 +126,7 @@ pub fn short_line(case: &OutageCase) -> String {
 
 /// Its short line and the evidence.
 pub fn line(case: &OutageCase) -> String {
-    let faults = match case.faults.is_empty() {
-        true => String::new(),
-        false => format!("; fault on: {}", case.faults.join(", ")),
-    };
+    let faults = surrounded("; fault on: ", &phrase::list(&case.faults), "");
     format!("{} ({}{faults})", short_line(case), case.evidence)
 }
 

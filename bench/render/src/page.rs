@@ -43,11 +43,7 @@ pub fn render(report: &Report) -> String {
     let figures = Figures::of(report);
     let failed = !verdict.status.is_good() && !run.in_flight;
     let mut lead = vec![flight::verdicts(report)];
-    let warnings = sentences::warnings(report);
-    lead.extend(warnings.into_iter().map(Block::Warning));
-    let loss = report.loss.as_ref().map(sentences::loss);
-    lead.extend(loss.map(|why| Block::Fact("Why lost", why)));
-    lead.extend(flight::last_messages(report));
+    lead.extend(flight::exceptions(report));
     let next = sentences::next_steps(report);
     lead.extend((!next.is_empty()).then_some(Block::NextSteps(next)));
     if let Some(figures) = figures {

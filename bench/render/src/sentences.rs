@@ -16,6 +16,7 @@ use flight_log::facts::OFF;
 use messages::role::Role;
 
 pub use analysis::phrase::{count, name_of};
+use analysis::phrase::{list, surrounded};
 
 /// The errors of a flight, a sentence for each of position, yaw and tilt.
 pub fn errors(flight: &ControlPerformance) -> Vec<String> {
@@ -120,8 +121,7 @@ pub fn swap(swap: &AppliedSwap) -> String {
             over_s => format!("{change} over {over_s} s from tick {}", swap.tick),
         }
     };
-    let changes: Vec<String> = swap.changes.iter().map(change).collect();
-    changes.join(", ")
+    list(swap.changes.iter().map(change))
 }
 
 /// A target in words: `position (1, 2, 3) m`, `velocity (1, 0, 0) m/s`, `hold`.
@@ -207,7 +207,7 @@ pub fn loss(section: &LossSection) -> String {
 
 pub fn by_channel(ticks: &BTreeMap<String, u64>) -> String {
     let of = |(channel, ticks): (&String, &u64)| format!("{channel} {ticks}");
-    ticks.iter().map(of).collect::<Vec<_>>().join(", ")
+    list(ticks.iter().map(of))
 }
 
 pub fn law(law: &LawSection) -> String {
@@ -314,7 +314,7 @@ pub fn warnings(report: &Report) -> Vec<String> {
         let all = [&log.messages, &log.dropped, &log.left_out, &log.removed];
         let all = all.into_iter().map(sum).fold(lost, u64::saturating_add);
         let of = recorder.lost.iter().filter(|(_, n)| **n > 0);
-        let of: Vec<String> = of.map(|(topic, n)| format!("{topic} {n}")).collect();
+        let of = of.map(|(topic, n)| format!("{topic} {n}"));
         // Without a log they are not counted.
         let of_all = match log.kept == OFF {
             true => String::new(),
@@ -323,7 +323,7 @@ pub fn warnings(report: &Report) -> Vec<String> {
         sentences.push(format!(
             "the recorder missed {}{of_all} ({}): their latency is unknown",
             count(lost, "message"),
-            of.join(", ")
+            list(of)
         ));
     }
     if unlogged > 0 {
@@ -459,8 +459,7 @@ fn margin_of_flight(margin: &MarginSection) -> String {
     let Some((stage, tolerated, outage)) = nearest else {
         let each = margin.tolerated.iter();
         let more = |it: &RobustnessMargin| if it.is_most { "> " } else { "" };
-        let each = each.map(|(stage, it)| format!("{stage} {}{}", more(it), it.ticks));
-        let each = each.collect::<Vec<_>>().join(", ");
+        let each = list(each.map(|(stage, it)| format!("{stage} {}{}", more(it), it.ticks)));
         return format!(
             "no stage had an outage in this flight; this loop survives, in ticks: {each} (least of {phases}){by}"
         );
@@ -504,24 +503,18 @@ pub fn firmware(section: &FirmwareSection) -> String {
         .map(|(ticks, name)| format!("{ticks} {name}"))
         .collect();
     let unanswered = section.asked - section.answered;
-    let causes = match causes.is_empty() {
-        true => String::new(),
-        false => format!(": {}", causes.join(" + ")),
-    };
+    let causes = surrounded(": ", &causes.join(" + "), "");
     parts.push(format!(
         "{unanswered} of {} ticks unanswered ({:.3} %){causes}",
         section.asked, section.unanswered_percent
     ));
     let others = [
-        (section.late, "late answer"),
-        (section.repeated, "repeated answer"),
-        (section.not_asked, "tick without a state to send"),
+        (section.late, "late answer", ""),
+        (section.repeated, "repeated answer", ""),
+        (section.not_asked, "tick", " without a state to send"),
     ];
-    let others = others.into_iter().filter(|(number, _)| *number > 0);
-    parts.extend(others.map(|(number, thing)| match thing.split_once(' ') {
-        Some(("tick", rest)) => format!("{} {rest}", count(number, "tick")),
-        _ => count(number, thing),
-    }));
+    let others = others.into_iter().filter(|(number, ..)| *number > 0);
+    parts.extend(others.map(|(number, thing, rest)| count(number, thing) + rest));
     let latencies = [
         ("p50", section.latency_p50_us),
         ("p99", section.latency_p99_us),
@@ -531,9 +524,9 @@ pub fn firmware(section: &FirmwareSection) -> String {
     let known = latencies
         .into_iter()
         .filter_map(|(name, us)| Some(format!("{name} {:.0}", us?)));
-    let known: Vec<String> = known.collect();
+    let known = list(known);
     if !known.is_empty() {
-        parts.push(format!("answer latency [us] {}", known.join(", ")));
+        parts.push(format!("answer latency [us] {known}"));
     }
     parts.join("; ")
 }

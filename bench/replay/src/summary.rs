@@ -7,7 +7,7 @@ use messages::output_hash::OutputHash;
 
 use crate::log_check::LogCheck;
 use analysis::faults::AppliedSwap;
-use analysis::phrase::count;
+use analysis::phrase::{count, list};
 use analysis::tracking::{Tracking, TrackingStatistics};
 
 /// How many ticks a stage was in each mode.
@@ -145,8 +145,5 @@ fn take(counts: &mut Modes, mode: u64) {
 
 fn modes(counts: &Modes) -> String {
     let modes = Mode::ALL.iter().zip(counts);
-    let modes: Vec<String> = modes
-        .map(|(mode, count)| format!("{} {count}", mode.name()))
-        .collect();
-    modes.join(", ")
+    list(modes.map(|(mode, count)| format!("{} {count}", mode.name())))
 }

@@ -8,6 +8,7 @@ use campaign::chunk::{self, Rows, State};
 use errors::{Failure, GATE, InFile as _, OK};
 
 use crate::cli::{self, CampaignFlyArgs, FlyArgs};
+use analysis::phrase::list;
 use config::{PaceName, Settings, utf8};
 use errors::output::print;
 use experiments::campaign::flight_settings::{Plan, plan_of};
@@ -70,8 +71,8 @@ fn arm(plan: &Plan, name: Option<&str>) -> Result<usize, Failure> {
     let campaign = &plan.campaign;
     name.map_or(Ok(0), |name| {
         campaign.arm(name).ok_or_else(|| {
-            let arms = campaign.arms.iter().map(|arm| arm.name.as_str());
-            let (arms, campaign) = (arms.collect::<Vec<_>>().join(", "), &campaign.name);
+            let arms = list(campaign.arms.iter().map(|arm| &arm.name));
+            let campaign = &campaign.name;
             Failure::usage(format!(
                 "--arm {name}: the campaign {campaign} has no such arm"
             ))

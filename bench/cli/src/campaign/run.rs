@@ -13,7 +13,7 @@ use errors::{Failure, INTERRUPTED, OK};
 use crate::build;
 use crate::cli::{CampaignCheckArgs, CampaignRunArgs, Shard};
 use crate::runs::size;
-use analysis::phrase::count;
+use analysis::phrase::{count, list};
 use errors::output::{print, say};
 use experiments::campaign::flight_settings::{IN_THE_WAY, Plan, open_directory};
 use experiments::campaign::rows::{Flight, LANES, fly_all};
@@ -62,8 +62,8 @@ fn of_shard(plan: &Plan, shard: Shard) -> Result<Range<u64>, Failure> {
     let number = match shard.number {
         Some(number) => number,
         None => task().ok_or_else(|| {
-            let names: Vec<&str> = TASKS.iter().map(|(name, _)| *name).collect();
-            Failure::usage(format!("--shard auto/{}: no task number is in {}", shard.of, names.join(", ")))
+            let names = list(TASKS.map(|(name, _)| name));
+            Failure::usage(format!("--shard auto/{}: no task number is in {names}", shard.of))
                 .help("write the number of the shard, as in --shard 3/24, or run it as the task of an array job")
         })?,
     };
@@ -215,7 +215,6 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
         false => "of different lengths".into(),
     };
     let [per_file, per_row] = bytes(&plan, &rows)?;
-    let names: Vec<&str> = campaign.arms.iter().map(|arm| arm.name.as_str()).collect();
     let takes_s = (each_s * total as f64).ceil();
     let takes = Duration::try_from_secs_f64(takes_s).unwrap_or(Duration::MAX);
     let factors = campaign.factors.iter();
@@ -230,7 +229,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
         campaign.name,
         count(campaign.flights, "flight"),
         count(arms as u64, "arm"),
-        names.join(", "),
+        list(campaign.arms.iter().map(|arm| &arm.name)),
         count(total, "row"),
         count(campaign.chunks(), "file"),
         count(campaign.factors.len() as u64, "factor"),

@@ -1,6 +1,6 @@
 //! `ironbird campaign status`, `merge` and `report`: which rows are there; all in one file; what they show.
 
-use analysis::phrase::count;
+use analysis::phrase::{count, list};
 use std::path::Path;
 
 use campaign::aggregate;
@@ -73,7 +73,7 @@ pub(super) fn ranges(chunks: &[u64]) -> String {
             [first, .., last] => format!("{first}-{last}"),
             _ => range[0].to_string(),
         });
-    ranges.collect::<Vec<_>>().join(", ")
+    list(ranges)
 }
 
 /// A campaign and its chunks that are whole; and how many that is, if some are not.
