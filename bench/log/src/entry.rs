@@ -7,6 +7,7 @@ use messages::header::{Header, Message};
 use messages::monitor::Monitor;
 use messages::role::Role;
 use messages::telemetry::Telemetry;
+use messages::vectors::prefetch;
 
 use crate::codec::Logged;
 use crate::{rows, schema, units};
@@ -45,10 +46,51 @@ macro_rules! topics {
                     $(Self::$topic(message) => LogEntry::$topic(*message),)+
                 }
             }
+
+            /// Fetches the message into the processor's cache.
+            pub fn prefetch(self) {
+                match self {
+                    $(Self::$topic(message) => prefetch(message),)+
+                }
+            }
         }
 
         enum Place {
             $($topic,)+
+        }
+
+        /// Messages by topic, without the room that an entry of a short one leaves free.
+        #[derive(Debug, Default)]
+        #[allow(non_snake_case, reason = "a list has the name of its topic")]
+        pub struct EntryLists {
+            $($topic: Vec<Message<$content>>,)+
+        }
+
+        /// Place of a message in the list of its topic.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        pub enum EntryPlace {
+            $($topic(usize),)+
+        }
+
+        impl EntryLists {
+            pub fn push(&mut self, entry: &LogEntry) -> EntryPlace {
+                match entry {
+                    $(LogEntry::$topic(message) => {
+                        self.$topic.push(*message);
+                        EntryPlace::$topic(self.$topic.len() - 1)
+                    })+
+                }
+            }
+
+            pub fn at(&self, place: EntryPlace) -> EntryRef<'_> {
+                match place {
+                    $(EntryPlace::$topic(place) => EntryRef::$topic(&self.$topic[place]),)+
+                }
+            }
+
+            pub fn clear(&mut self) {
+                $(self.$topic.clear();)+
+            }
         }
 
         impl LogEntry {

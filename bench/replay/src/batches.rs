@@ -3,11 +3,7 @@
 use std::mem::{replace, take};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 
-use flight_log::entry::{EntryRef, LogEntry};
-use messages::content::{RotorSpeeds, Setpoint, State, Wrench};
-use messages::header::Message;
-use messages::monitor::Monitor;
-use messages::vectors::prefetch;
+use flight_log::entry::{EntryLists, EntryPlace, EntryRef, LogEntry};
 
 /// Chunks on their way: one is decompressed while another one is replayed.
 const ON_THEIR_WAY: usize = 1;
@@ -17,65 +13,9 @@ const FETCHED_AHEAD: usize = 1;
 /// The messages of a chunk by topic, as one processor hands every byte of them to another.
 #[derive(Debug, Default)]
 struct Chunk {
-    /// Position in the recorder's order, then in the log; place in one of these lists.
-    order: Vec<(u64, usize, Place)>,
-    states: Vec<Message<State>>,
-    setpoints: Vec<Message<Setpoint>>,
-    wrenches: Vec<Message<Wrench>>,
-    rotor_speeds: Vec<Message<RotorSpeeds>>,
-    theorem: Vec<Message<Monitor>>,
-    rare: Vec<LogEntry>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Place {
-    State(usize),
-    Setpoint(usize),
-    Wrench(usize),
-    RotorSpeeds(usize),
-    Theorem(usize),
-    Rare(usize),
-}
-
-impl Chunk {
-    fn push(&mut self, position: u64, message: &LogEntry) {
-        fn add<T: Copy>(list: &mut Vec<T>, message: &T) -> usize {
-            list.push(*message);
-            list.len() - 1
-        }
-        let place = match message {
-            LogEntry::State(message) => Place::State(add(&mut self.states, message)),
-            LogEntry::Setpoint(message) => Place::Setpoint(add(&mut self.setpoints, message)),
-            LogEntry::Wrench(message) => Place::Wrench(add(&mut self.wrenches, message)),
-            LogEntry::RotorSpeeds(message) => {
-                Place::RotorSpeeds(add(&mut self.rotor_speeds, message))
-            }
-            LogEntry::Theorem(message) => Place::Theorem(add(&mut self.theorem, message)),
-            rare => Place::Rare(add(&mut self.rare, rare)),
-        };
-        self.order.push((position, self.order.len(), place));
-    }
-
-    fn at(&self, place: Place) -> EntryRef<'_> {
-        match place {
-            Place::State(place) => EntryRef::State(&self.states[place]),
-            Place::Setpoint(place) => EntryRef::Setpoint(&self.setpoints[place]),
-            Place::Wrench(place) => EntryRef::Wrench(&self.wrenches[place]),
-            Place::RotorSpeeds(place) => EntryRef::RotorSpeeds(&self.rotor_speeds[place]),
-            Place::Theorem(place) => EntryRef::Theorem(&self.theorem[place]),
-            Place::Rare(place) => EntryRef::from(&self.rare[place]),
-        }
-    }
-
-    fn clear(&mut self) {
-        self.order.clear();
-        self.states.clear();
-        self.setpoints.clear();
-        self.wrenches.clear();
-        self.rotor_speeds.clear();
-        self.theorem.clear();
-        self.rare.clear();
-    }
+    /// Position in the recorder's order, then in the log; place in the lists.
+    order: Vec<(u64, usize, EntryPlace)>,
+    lists: EntryLists,
 }
 
 #[derive(Debug)]
@@ -120,7 +60,8 @@ impl ToReplay {
             self.number = chunk;
             self.hand_over();
         }
-        self.chunk.push(position, message);
+        let Chunk { order, lists } = &mut self.chunk;
+        order.push((position, order.len(), lists.push(message)));
     }
 
     pub fn finish(mut self) {
@@ -134,7 +75,8 @@ impl ToReplay {
         // The replay may have ended at a difference.
         let _ = self.full.send(chunk);
         self.chunk = self.used.try_recv().unwrap_or_default();
-        self.chunk.clear();
+        self.chunk.order.clear();
+        self.chunk.lists.clear();
     }
 }
 
@@ -155,16 +97,9 @@ impl FromLog {
         let (.., place) = self.chunk.order[self.replayed];
         self.replayed += 1;
         if let Some((.., soon)) = self.chunk.order.get(self.replayed + FETCHED_AHEAD) {
-            match self.chunk.at(*soon) {
-                EntryRef::State(message) => prefetch(message),
-                EntryRef::Setpoint(message) => prefetch(message),
-                EntryRef::Wrench(message) => prefetch(message),
-                EntryRef::RotorSpeeds(message) => prefetch(message),
-                EntryRef::Theorem(message) => prefetch(message),
-                _ => {}
-            }
+            self.chunk.lists.at(*soon).prefetch();
         }
-        Some(self.chunk.at(place))
+        Some(self.chunk.lists.at(place))
     }
 }
 
