@@ -70,8 +70,8 @@ pub struct FlightStatistics {
     last_wake: [Option<(u64, u64)>; 4],
     /// What stages did in ticks that the plant may still fly.
     passages: VecDeque<StampedTiming>,
-    /// Commands whose deadlines the plant has not judged yet.
-    commands: VecDeque<StampedCommand>,
+    /// The mixer's passages whose commands the plant has not judged yet.
+    commands: VecDeque<StampedTiming>,
     final_command_ns: Option<u64>,
     losses: Losses,
     verdicts: CommandVerdicts,
@@ -302,7 +302,7 @@ impl FlightStatistics {
         self.stages.firmware.take(message.envelope.tick, content);
     }
 
-    /// Counts a message of outer (0), inner (1) or mixer stage (2); returns whether messages of it are missing before.
+    /// Counts a message of outer (0), inner (1) or mixer stage (2), and returns its passage.
     fn loop_message<C: Topic>(
         &mut self,
         stage: usize,
@@ -310,7 +310,7 @@ impl FlightStatistics {
         mode: u64,
         telemetry: &Telemetry,
         loop_ns: Option<u64>,
-    ) -> bool {
+    ) -> StampedTiming {
         let last = self.last_wake[C::SENDER as usize].map_or(0, |(tick, _)| tick);
         let follows_loss = self.lacks(stage + 1, last..=message.envelope.tick);
         if self.channels <= 1 {
@@ -327,12 +327,13 @@ impl FlightStatistics {
         let hop_ns = received_ns.saturating_sub(envelope.stamps_of(from).send_ns);
         let is_of_tick = envelope.input_tick[stage] == envelope.tick;
         let hop = is_of_tick.then_some((Series::Hop(from, C::SENDER), hop_ns));
-        self.stage(StampedTiming {
+        let passage = StampedTiming {
             hop,
             loop_ns,
             ..Self::passage(message, follows_loss)
-        });
-        follows_loss
+        };
+        self.stage(passage);
+        passage
     }
 
     /// Keeps what has been flown before a message of a tick that has not been.
@@ -352,14 +353,9 @@ impl FlightStatistics {
             return;
         }
         let loop_ns = (envelope.sample_ns > 0).then(|| sent_ns.saturating_sub(envelope.sample_ns));
-        let follows_loss = self.loop_message(2, message, content.mode, &content.telemetry, loop_ns);
+        let command = self.loop_message(2, message, content.mode, &content.telemetry, loop_ns);
         self.freshness.command(envelope, content.mode);
         self.stages.flight.tracking.effort.take(content);
-        let command = StampedCommand {
-            tick: envelope.tick,
-            sent_ns,
-            follows_loss,
-        };
         if self.newest.is_some_and(|(newest, _)| command.tick < newest) {
             self.judge(&command);
         } else if self.deadlines.is_some() {
@@ -448,13 +444,6 @@ struct StampedTiming {
     pub hop: Option<(Series, u64)>,
     /// From the sampling of the state to publishing, of a rotor command that goes back to one.
     pub loop_ns: Option<u64>,
-    pub follows_loss: bool,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct StampedCommand {
-    pub tick: u64,
-    pub sent_ns: u64,
     pub follows_loss: bool,
 }
 
@@ -549,14 +538,14 @@ impl FlightStatistics {
         }
     }
 
-    fn judge(&mut self, command: &StampedCommand) {
+    fn judge(&mut self, command: &StampedTiming) {
         let Some(deadlines) = &mut self.deadlines else {
             return;
         };
         if command.follows_loss {
             deadlines.skip_before(command.tick);
         }
-        let judged = deadlines.judge(command.tick, command.sent_ns);
+        let judged = deadlines.judge(command.tick, command.send_ns);
         self.enter(judged);
     }
 
