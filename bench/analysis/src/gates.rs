@@ -264,31 +264,23 @@ impl RequestedGates {
         };
         let saturated = effort(|it| it.saturated_percent);
         let agitation = effort(|it| it.agitation_rad_s);
-        let measured = |name: &str, value: Option<_>, lacks: &str| Measured {
-            name: name.into(),
-            value: value.ok_or_else(|| format!("no {lacks} was seen")),
+        let measured = |limit, name: &str, value: Option<Number>, lacks: &str| {
+            let value = value.ok_or_else(|| format!("no {lacks} was seen"));
+            let name = name.into();
+            (limit, Measured { name, value })
         };
+        let (error_m, error_rad) = (self.max_tracking_error_m, self.max_yaw_error_rad);
+        let (percent, rad_s) = (self.max_saturated_percent, self.max_agitation_rad_s);
+        let [of_position, of_yaw, of_rotors] = [
+            "position error in the last 5 s [m]",
+            "yaw error in the last 5 s [rad]",
+            "rotors saturated [% of ticks]",
+        ];
         [
-            (
-                self.max_tracking_error_m,
-                measured(
-                    "position error in the last 5 s [m]",
-                    error(position),
-                    "state",
-                ),
-            ),
-            (
-                self.max_yaw_error_rad,
-                measured("yaw error in the last 5 s [rad]", error(yaw), "state"),
-            ),
-            (
-                self.max_saturated_percent,
-                measured("rotors saturated [% of ticks]", saturated, "rotor command"),
-            ),
-            (
-                self.max_agitation_rad_s,
-                measured(AGITATION, agitation, "rotor command"),
-            ),
+            measured(error_m, of_position, error(position), "state"),
+            measured(error_rad, of_yaw, error(yaw), "state"),
+            measured(percent, of_rotors, saturated, "rotor command"),
+            measured(rad_s, AGITATION, agitation, "rotor command"),
         ]
     }
 }

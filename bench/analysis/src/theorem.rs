@@ -3,6 +3,7 @@
 //! docs/theorem.md explains how to read it.
 
 use crate::phrase::{count, list, surrounded};
+use crate::schema::sum;
 use controller::FlightMonitor;
 use controller::assumptions::EXCUSES;
 use controller::excitation::EXCITING;
@@ -123,8 +124,7 @@ impl Theorem {
 
     /// Steps at which V_th rose, or fell by less than the step owes.
     pub fn rises(&self) -> u64 {
-        let rises = self.violations.values();
-        rises.fold(0, |sum: u64, count| sum.saturating_add(*count))
+        sum(&self.violations)
     }
 
     /// Whether V_th could be judged, or the torque of (19) acted, in so few ticks that nothing good is said of it.
@@ -218,10 +218,7 @@ impl Torque {
 
     /// Ticks whose rotors gave the torque of (19).
     pub fn acted(&self) -> u64 {
-        let wrong = self.rotors_wrong.values();
-        wrong.fold(self.rotors, |acted: u64, wrong| {
-            acted.saturating_sub(*wrong)
-        })
+        self.rotors.saturating_sub(sum(&self.rotors_wrong))
     }
 
     /// Whether the torque of (19) acted, or a wrench was compared with it, in less than half of the ticks.
@@ -444,11 +441,7 @@ impl TheoremStatistics {
 
     pub fn section(&self) -> Theorem {
         let section = self.newest.map(|(_, newest)| {
-            let all = self.ended.map_or(newest, |ended| together(&ended, &newest));
-            let nominal = || ESTIMATED.map(|parameter| parameter.spec().nominal);
-            let built = self.built.unwrap_or_else(nominal);
-            let truth = (self.theta_watched, built);
-            Theorem::of(&all, truth, self.error_allowed, self.broken)
+            self.of_monitor(&self.ended.map_or(newest, |ended| together(&ended, &newest)))
         });
         let law_without = self.law_without.filter(|_| section.is_none());
         let mut unjudged = by_cause(&self.unjudged);
@@ -465,6 +458,71 @@ impl TheoremStatistics {
             innovation: InnovationSection::of(&self.innovation, self.at_bound_before),
             rate_error_final_rad_s: self.rate_error_rad_s,
             ..section
+        }
+    }
+
+    /// The section of what a monitor said last.
+    fn of_monitor(&self, monitor: &Monitor) -> Theorem {
+        let nominal = || ESTIMATED.map(|parameter| parameter.spec().nominal);
+        let (theta, built) = (self.theta_watched, self.built.unwrap_or_else(nominal));
+        let broken = UNBOUNDED
+            .into_iter()
+            .filter(|cause| self.broken & cause.bit() != 0);
+        let broken: Vec<String> = broken.map(|cause| cause.name().to_owned()).collect();
+        let estimate = |i: usize| {
+            let error = monitor.estimate_error[i];
+            let error_start = monitor.estimate_error_start[i];
+            let size = error_start.max(theta[i].abs()).max(built[i]);
+            Watched {
+                name: ESTIMATED[i].name().into(),
+                actual: theta[i],
+                error,
+                error_start,
+                error_bound: monitor.estimate_error_bound[i],
+                error_allowed: self.error_allowed[i],
+                identifiability: monitor.identifiability[i],
+                found: error.abs() <= FOUND * size,
+            }
+        };
+        let estimates: Vec<Watched> = (0..3).map(estimate).collect();
+        let start = monitor.v_th_start;
+        let rise = |(cause, absolute): (Cause, f64)| {
+            let relative = if start > 0.0 { absolute / start } else { 0.0 };
+            let is_explained = cause != Cause::Unexplained;
+            let name = if is_explained { cause.name() } else { NO_CAUSE };
+            let is_told = !is_explained || absolute > 0.0;
+            is_told.then(|| (name.to_owned(), Rise { absolute, relative }))
+        };
+        let rises = Cause::ALL.into_iter().zip(monitor.rise_max);
+        let is_live = monitor.is_live == 1;
+        let torque = Torque::of(&monitor.torque);
+        let is_explained = monitor.violations[Cause::Unexplained as usize] == 0;
+        Theorem {
+            holds: is_live && is_explained && torque.unexplained() == 0,
+            ticks_checked: monitor.ticks_checked,
+            violations: by_cause(&monitor.violations),
+            largest_rise: rises.filter_map(rise).collect(),
+            v_th_start: monitor.v_th_start,
+            v_th_end: monitor.v_th,
+            descent: monitor.descent,
+            descent_predicted: monitor.descent_predicted,
+            is_live,
+            step_excess_max: monitor.step_excess_max,
+            steps_adapted: monitor.steps_adapted,
+            v_above_bound: by_cause(&monitor.v_above_bound),
+            rate_error_max_rad_s: monitor.rate_error_max_rad_s,
+            rate_error_rms_rad_s: monitor.rate_error_rms_rad_s,
+            torque,
+            ticks_saturated: monitor.ticks_saturated,
+            ticks_stale: monitor.ticks_stale,
+            live_swaps: monitor.live_swaps,
+            converged: estimates.iter().all(|estimate| estimate.found),
+            convergence: convergence(monitor, &estimates, &broken),
+            broken,
+            estimates,
+            excitation: monitor.excitation,
+            excitation_least: monitor.excitation_least,
+            ..Theorem::default()
         }
     }
 }
@@ -495,77 +553,6 @@ fn together(earlier: &Monitor, later: &Monitor) -> Monitor {
             rotors_wrong: sum(earlier.torque.rotors_wrong, later.torque.rotors_wrong),
         },
         ..*later
-    }
-}
-
-impl Theorem {
-    /// The section of what a monitor said last, with the true values of the estimated parameters, those that the
-    /// airframe was built with, and the causes since the bounds began.
-    pub fn of(
-        monitor: &Monitor,
-        (theta, built): ([f64; 3], [f64; 3]),
-        error_allowed: [f64; 3],
-        causes: u64,
-    ) -> Self {
-        let broken = UNBOUNDED
-            .into_iter()
-            .filter(|cause| causes & cause.bit() != 0);
-        let broken: Vec<String> = broken.map(|cause| cause.name().to_owned()).collect();
-        let estimate = |i: usize| {
-            let error = monitor.estimate_error[i];
-            let error_start = monitor.estimate_error_start[i];
-            let size = error_start.max(theta[i].abs()).max(built[i]);
-            Watched {
-                name: ESTIMATED[i].name().into(),
-                actual: theta[i],
-                error,
-                error_start,
-                error_bound: monitor.estimate_error_bound[i],
-                error_allowed: error_allowed[i],
-                identifiability: monitor.identifiability[i],
-                found: error.abs() <= FOUND * size,
-            }
-        };
-        let estimates: Vec<Watched> = (0..3).map(estimate).collect();
-        let start = monitor.v_th_start;
-        let rise = |(cause, absolute): (Cause, f64)| {
-            let relative = if start > 0.0 { absolute / start } else { 0.0 };
-            let is_explained = cause != Cause::Unexplained;
-            let name = if is_explained { cause.name() } else { NO_CAUSE };
-            let is_told = !is_explained || absolute > 0.0;
-            is_told.then(|| (name.to_owned(), Rise { absolute, relative }))
-        };
-        let rises = Cause::ALL.into_iter().zip(monitor.rise_max);
-        let is_live = monitor.is_live == 1;
-        let torque = Torque::of(&monitor.torque);
-        let is_explained = monitor.violations[Cause::Unexplained as usize] == 0;
-        Self {
-            holds: is_live && is_explained && torque.unexplained() == 0,
-            ticks_checked: monitor.ticks_checked,
-            violations: by_cause(&monitor.violations),
-            largest_rise: rises.filter_map(rise).collect(),
-            v_th_start: monitor.v_th_start,
-            v_th_end: monitor.v_th,
-            descent: monitor.descent,
-            descent_predicted: monitor.descent_predicted,
-            is_live,
-            step_excess_max: monitor.step_excess_max,
-            steps_adapted: monitor.steps_adapted,
-            v_above_bound: by_cause(&monitor.v_above_bound),
-            rate_error_max_rad_s: monitor.rate_error_max_rad_s,
-            rate_error_rms_rad_s: monitor.rate_error_rms_rad_s,
-            torque,
-            ticks_saturated: monitor.ticks_saturated,
-            ticks_stale: monitor.ticks_stale,
-            live_swaps: monitor.live_swaps,
-            converged: estimates.iter().all(|estimate| estimate.found),
-            convergence: convergence(monitor, &estimates, &broken),
-            broken,
-            estimates,
-            excitation: monitor.excitation,
-            excitation_least: monitor.excitation_least,
-            ..Self::default()
-        }
     }
 }
 
@@ -649,7 +636,7 @@ mod tests {
 
     #[test]
     fn an_unexplained_violation_or_lifeless_estimates_fail() {
-        let theorem = |monitor| Theorem::of(&monitor, ([0.0; 3], [1.0; 3]), [0.0; 3], 0);
+        let theorem = |monitor| TheoremStatistics::default().of_monitor(&monitor);
         assert!(theorem(monitor(0, 1)).holds);
         for (monitor, found) in [
             (monitor(1, 1), "1 unexplained"),

@@ -113,28 +113,16 @@ impl Tracer {
             let names: Vec<_> = signals.map(|signal| signal.name).collect();
             (!names.is_empty()).then(|| (role.to_string(), stretches.group(&names)))
         };
+        let (telemetry, path) = (self.telemetry.iter().zip(LAW_ROLES), || self.path.iter());
         Traces {
             flight: self.flight.group(&self.names),
             timing: self.timing.group(&TIMING),
             path: Path {
-                tick: self.path.iter().map(|(tick, ..)| *tick).collect(),
-                position_w_m: self
-                    .path
-                    .iter()
-                    .map(|(_, at, _)| at.map(round_digits))
-                    .collect(),
-                reference_w_m: self
-                    .path
-                    .iter()
-                    .map(|(.., at)| at.map(round_digits))
-                    .collect(),
+                tick: path().map(|(tick, ..)| *tick).collect(),
+                position_w_m: path().map(|(_, at, _)| at.map(round_digits)).collect(),
+                reference_w_m: path().map(|(.., at)| at.map(round_digits)).collect(),
             },
-            telemetry: self
-                .telemetry
-                .iter()
-                .zip(LAW_ROLES)
-                .filter_map(shown)
-                .collect(),
+            telemetry: telemetry.filter_map(shown).collect(),
             violations: self.by_cause(),
         }
     }
