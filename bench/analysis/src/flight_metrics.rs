@@ -46,11 +46,6 @@ impl FlightMetrics {
         power
     }
 
-    /// Adds a rotor command.
-    pub fn command(&mut self, rotors: &RotorSpeeds) {
-        self.tracking.effort.take(rotors);
-    }
-
     pub fn tilt_max_rad(&self) -> f64 {
         let upright = self.upright_min;
         math::atan2((1.0 - upright * upright).max(0.0).sqrt(), upright)
@@ -119,7 +114,7 @@ impl ComparedFlight {
     /// Adds a rotor command, up to the loss of the flight.
     pub fn command(&mut self, rotors: &RotorSpeeds) {
         if self.lost.is_none() {
-            self.metrics.command(rotors);
+            self.metrics.tracking.effort.take(rotors);
         }
     }
 

@@ -349,7 +349,8 @@ pub struct TheoremStatistics {
     ticks: u64,
     judged: u64,
     unjudged: [u64; CAUSES],
-    unwatched: u64,
+    /// Wrenches that nothing was said of.
+    pub unwatched: u64,
     innovation: Innovation,
     rate_error_rad_s: f64,
     /// From the monitor itself: its messages average from 0 on, which is too little in the first second.
@@ -381,11 +382,6 @@ impl TheoremStatistics {
 
     pub const fn applies(&self) -> bool {
         self.law_without.is_none()
-    }
-
-    /// Wrenches that nothing was said of.
-    pub const fn unwatched(&self) -> u64 {
-        self.unwatched
     }
 
     /// Counts a wrench that nothing is said of.

@@ -78,7 +78,8 @@ pub struct TrackingStatistics {
     length_ticks: u64,
     period_s: f64,
     pub states: u64,
-    errors: [ErrorStatistics; 3],
+    /// Of position, yaw and tilt, as in [`StateErrors`].
+    pub errors: [ErrorStatistics; 3],
     pub effort: EffortStatistics,
     first_tick: Option<u64>,
     newest_tick: u64,
@@ -157,18 +158,6 @@ impl TrackingStatistics {
         }
     }
 
-    pub const fn position(&self) -> &ErrorStatistics {
-        &self.errors[POSITION]
-    }
-
-    pub const fn yaw(&self) -> &ErrorStatistics {
-        &self.errors[YAW]
-    }
-
-    pub const fn tilt(&self) -> &ErrorStatistics {
-        &self.errors[TILT]
-    }
-
     /// Length of the last seconds [s]: less than [`RECENT_S`] in a short flight.
     fn recent_s(&self) -> f64 {
         let flown = self
@@ -185,7 +174,7 @@ impl TrackingStatistics {
 
     /// The figures of the flight so far.
     pub fn performance(&self) -> ControlPerformance {
-        let (position, effort) = (self.position(), &self.effort);
+        let ([position, yaw, tilt], effort) = (&self.errors, &self.effort);
         ControlPerformance {
             position_error_rms_m: position.rms(),
             position_error_max_m: position.max,
@@ -193,8 +182,8 @@ impl TrackingStatistics {
             states: self.states,
             recent_error_max_m: position.recent_max(),
             recent_s: self.recent_s(),
-            yaw_error: self.yaw().angle(),
-            tilt_error: self.tilt().angle(),
+            yaw_error: yaw.angle(),
+            tilt_error: tilt.angle(),
             lowest_z_m: self.lowest_z_m(),
             lowest_at_s: self.lowest_tick.map(|tick| tick as f64 * self.period_s),
             saturated_ticks: effort.saturated,
@@ -315,7 +304,7 @@ mod tests {
         assert_eq!(numbers(&tracking), [0.5, RECENT_S, 1.0]);
         take(&mut tracking, 20_000, 0.0, 1e-4);
         assert_eq!(numbers(&tracking)[0], 1e-3);
-        let yaw = tracking.yaw().angle().unwrap();
+        let yaw = tracking.errors[YAW].angle().unwrap();
         let [max, last, recent_max] = [yaw.max_rad, yaw.final_rad, yaw.recent_max_rad];
         assert_eq!([max, last, recent_max], [18.0, 2e-4, 2e-3]);
     }

@@ -47,13 +47,13 @@ impl Metrics {
 
     /// Adds a rotor command.
     pub fn command(&mut self, rotors: &RotorSpeeds) {
-        self.flight.command(rotors);
+        self.flight.tracking.effort.take(rotors);
     }
 
     /// The values of [`METRICS`]; there is no recovery without a fault, or when the flight did not recover from one.
     pub fn values(&self) -> [Option<f64>; METRICS.len()] {
         let tracking = &self.flight.tracking;
-        let (error, yaw, tilt) = (tracking.position(), tracking.yaw(), tracking.tilt());
+        let [error, yaw, tilt] = &tracking.errors;
         let effort = self.flight.effort();
         let (recovery, period_s) = (self.recoveries.longest_ticks(), self.tracking.period_s());
         [

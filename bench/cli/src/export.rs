@@ -112,7 +112,7 @@ fn print_missing(reader: &LogReader) -> Result<(), Failure> {
 }
 
 fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
-    create_directory(directory)?;
+    create_for("export", directory, "--to")?;
     let path = directory.join(perfetto::FILE);
     let file = AsideFile::create(&path).in_file("write", &path)?;
     let report = reader.path().with_file_name("report.json");
@@ -195,10 +195,6 @@ fn for_each_entry(
     }
 }
 
-fn create_directory(directory: &Path) -> Result<(), Failure> {
-    create_for("export", directory, "--to")
-}
-
 /// Creates the directory that a flag names, for files that a command is about to write.
 pub(crate) fn create_for(purpose: &str, directory: &Path, flag: &str) -> Result<(), Failure> {
     fs::create_dir_all(directory).map_err(|e| {
@@ -244,7 +240,7 @@ fn export_joined(
     format: TableFormat,
     directory: &Path,
 ) -> Result<u8, Failure> {
-    create_directory(directory)?;
+    create_for("export", directory, "--to")?;
     let path = directory.join(format!("{JOINED}.{}", format.ending()));
     // Before the first message, the log does not say what the laws show.
     let first = reader.next_entry()?.copied();
@@ -408,7 +404,9 @@ impl Tables {
         directory: Option<PathBuf>,
         format: TableFormat,
     ) -> Result<Self, Failure> {
-        directory.as_deref().map_or(Ok(()), create_directory)?;
+        if let Some(directory) = &directory {
+            create_for("export", directory, "--to")?;
+        }
         let mut tables = Self {
             format,
             directory,

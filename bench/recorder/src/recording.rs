@@ -160,19 +160,11 @@ impl Recorder<'_> {
             rest(self.recorded.armed.pace);
             self.drain(false)?;
             self.sample_host();
-            session.status.ticks_run = self.recorded.streams.statistics().newest_tick();
-            session.status.rounds += 1;
-            (
-                session.status.commands_missed,
-                session.status.commands_stale,
-            ) = self.recorded.streams.statistics().commands_not_fresh();
-            session.status.wrenches_unwatched = self
-                .recorded
-                .streams
-                .statistics()
-                .stages
-                .theorem
-                .unwatched();
+            let (statistics, status) = (self.recorded.streams.statistics(), &mut session.status);
+            status.ticks_run = statistics.newest_tick();
+            status.rounds += 1;
+            (status.commands_missed, status.commands_stale) = statistics.commands_not_fresh();
+            status.wrenches_unwatched = statistics.stages.theorem.unwatched;
             session.pass_on_stop();
             self.update_faults();
             self.recorded.files.flush_log();

@@ -40,7 +40,7 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     let chunks = args.shard.map_or(Ok(0..plan.campaign.chunks()), |shard| {
         of_shard(&plan, shard)
     })?;
-    let jobs = jobs_of(args.jobs, &plan)?;
+    let jobs = jobs(args.jobs, &plan.flown)?;
     open_directory(&plan, &out)?;
     if build::here().dirty {
         say(&format!("warning: {DIRTY}\n"));
@@ -48,10 +48,6 @@ pub(super) fn run(args: &CampaignRunArgs) -> Result<u8, Failure> {
     let ended = fly(&plan, &out, jobs, &stop, chunks)?;
     print(&ended.text(&plan, &out))?;
     Ok(if ended.interrupted { INTERRUPTED } else { OK })
-}
-
-fn jobs_of(asked: Option<usize>, plan: &Plan) -> Result<usize, Failure> {
-    jobs(asked, &plan.flown)
 }
 
 pub(super) fn default_directory(plan: &Plan) -> PathBuf {
@@ -188,7 +184,7 @@ pub(super) fn check(args: &CampaignCheckArgs) -> Result<u8, Failure> {
     let begun = Instant::now();
     let mut rows = Vec::new();
     let tried = campaign.flights.min(TRIED_MAX);
-    let jobs = jobs_of(args.jobs, &plan)?;
+    let jobs = jobs(args.jobs, &plan.flown)?;
     // All over the campaign, so that a grid's cells are tried too.
     let flight = |i: u64| (u128::from(i) * u128::from(campaign.flights) / u128::from(tried)) as u64;
     let mut next = 0;
