@@ -71,11 +71,7 @@ pub fn replay(
         "{flown_s:.3} s replayed in {}\n",
         speed(flown_s, start.elapsed().as_secs_f64())
     ));
-    if verify {
-        verdict(&replayed)
-    } else {
-        print_summary(&replayed)
-    }
+    conclude(&replayed, verify)
 }
 
 #[derive(Clone, Debug)]
@@ -209,23 +205,30 @@ fn of_log(log: &Path, failure: Failure) -> Failure {
     }
 }
 
-fn verdict(replayed: &ReplayResult) -> Result<u8, Failure> {
-    let (ticks, values) = (replayed.summary.ticks, replayed.comparison.values);
-    say(&builds(&replayed.survey));
+/// Prints the verdict, or a summary; code 3 if a verdict was requested and a value differs.
+fn conclude(replayed: &ReplayResult, verify: bool) -> Result<u8, Failure> {
+    let (summary, values) = (&replayed.summary, replayed.comparison.values);
+    let builds = builds(&replayed.survey);
+    match verify {
+        true => say(&builds),
+        false => print(&(summary.text(&replayed.survey) + &builds))?,
+    }
     if replayed.survey.end != End::Complete {
         return Err(truncated(replayed));
     }
-    if let Some(divergence) = &replayed.comparison.first {
-        print(&format!("replay: diverges at {divergence}\n"))?;
-        return Ok(GATE);
-    }
-    print(&format!(
-        "replay: {}, {values} values, identical{}; outputs {}\n",
-        count(ticks, "tick"),
-        not_compared(replayed),
-        replayed.summary.outputs
-    ))?;
-    Ok(OK)
+    let (ticks, not_compared) = (count(summary.ticks, "tick"), not_compared(replayed));
+    let said = match (&replayed.comparison.first, verify) {
+        (Some(divergence), true) => format!("replay: diverges at {divergence}"),
+        (Some(divergence), false) => format!("diverges from the record at {divergence}"),
+        (None, true) => {
+            let outputs = &summary.outputs;
+            format!("replay: {ticks}, {values} values, identical{not_compared}; outputs {outputs}")
+        }
+        (None, false) => format!("agrees with the record in {values} values{not_compared}"),
+    };
+    print(&format!("{said}\n"))?;
+    let is_refuted = verify && replayed.comparison.first.is_some();
+    Ok(if is_refuted { GATE } else { OK })
 }
 
 /// Words on the messages of another program, if the inner law was one.
@@ -261,20 +264,6 @@ fn builds(survey: &LogCheck) -> String {
         "flown by {there}, replayed by {here}: {}\n",
         there.compared_with(&here)
     )
-}
-
-fn print_summary(replayed: &ReplayResult) -> Result<u8, Failure> {
-    print(&(replayed.summary.text(&replayed.survey) + &builds(&replayed.survey)))?;
-    match &replayed.comparison.first {
-        _ if replayed.survey.end != End::Complete => return Err(truncated(replayed)),
-        Some(divergence) => print(&format!("diverges from the record at {divergence}\n"))?,
-        None => print(&format!(
-            "agrees with the record in {} values{}\n",
-            replayed.comparison.values,
-            not_compared(replayed)
-        ))?,
-    }
-    Ok(OK)
 }
 
 /// Whether the stages of a channel are replayed from a log: its own, or that of a flight with one channel.
