@@ -15,7 +15,6 @@ use process::signals::{end_with_launcher, forget_inherited};
 
 #[cfg(feature = "instrumented")]
 process::count_allocations!();
-plugin::name_exits!();
 
 fn main() -> ExitCode {
     plugin::set_python_environment();

@@ -45,8 +45,6 @@ use crate::child::{asks_children, go_on_in_child, note_exit_code};
 use crate::loader::{unusable, words};
 
 pub use child::{LawsRun, ask, set_laws_run};
-#[doc(hidden)]
-pub use crash::exit;
 pub use loader::{PYTHON_ADAPTER, has_python_adapter};
 pub use python::set_environment as set_python_environment;
 
@@ -166,7 +164,13 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
         .map_err(|e| unusable(named, &format!("its description cannot be read: {e}")))?;
     let description: &'static Description = Box::leak(Box::new(law.description()));
     let library = Library {
-        words: full_words(description, &file),
+        words: format!(
+            "{} law `{}` ({})",
+            description.role,
+            description.name,
+            file.display()
+        )
+        .leak(),
         file,
         sha256,
         description,
@@ -193,16 +197,7 @@ fn read_law(file: &Path, named: &Path) -> Result<(&'static IronbirdLaw, String),
             "the author of the law corrects that; `ironbird docs laws` says what the rig reads",
         )
     })?;
-    if let Some(create) = table.create {
-        crash::remember(create as *const () as usize, full_words(description, file));
-    }
     Ok((table, Answer::of(table, description).text()))
-}
-
-/// The law and its role, with its file.
-fn full_words(law: &Description, file: &Path) -> &'static str {
-    let Description { role, name, .. } = law;
-    format!("{role} law `{name}` ({})", file.display()).leak()
 }
 
 /// The environment variable by which a process hands the answers of laws on, by the SHA-256 of their files.

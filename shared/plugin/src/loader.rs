@@ -6,6 +6,7 @@
 
 use std::env;
 use std::ffi::{CString, c_char};
+use std::fs;
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +15,6 @@ use ironbird_law::abi::IronbirdLaw;
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use crate::call::Call;
-use crate::crash::segment_of;
 use crate::python;
 
 /// The environment variable that names the library which makes laws of Python files.
@@ -67,7 +67,7 @@ fn of_library(file: &Path, named: &Path, law: &'static str) -> Result<*const Iro
         return Err(unusable(named, "it exports no function `ironbird_law`")
             .help("define it as ironbird_law.h declares it; in C++ include the header, which makes it extern \"C\""));
     };
-    if segment_of(law_of as usize).is_empty() {
+    if !is_code(law_of as usize) {
         return Err(
             unusable(named, "its `ironbird_law` is data, and not a function")
                 .help("define it as ironbird_law.h declares it: a function that returns the table"),
@@ -128,6 +128,18 @@ unsafe fn exported<T: Copy>(library: Library, name: &[u8]) -> Option<T> {
     let symbol = unsafe { library.get::<T>(name) }.ok().map(|it| *it);
     std::mem::forget(library);
     symbol
+}
+
+/// Whether this process may execute what is at an address.
+fn is_code(address: usize) -> bool {
+    let holds = |line: &str| {
+        let (range, rest) = line.split_once(' ')?;
+        let (start, end) = range.split_once('-')?;
+        let [start, end] = [start, end].map(|hex| usize::from_str_radix(hex, 16).ok());
+        Some((start?..end?).contains(&address) && rest.get(2..3) == Some("x"))
+    };
+    let mappings = fs::read_to_string("/proc/self/maps").unwrap_or_default();
+    mappings.lines().any(|line| holds(line) == Some(true))
 }
 
 fn innermost(error: &dyn std::error::Error) -> String {

@@ -23,6 +23,8 @@ use process::rt::UsageMeter;
 
 use errors::output::say;
 
+use crate::process_exit::end_now;
+
 pub const INPUTS: u64 = 100_000;
 /// Inputs with a warm-up run before each, and inputs of an instance that is periodically replaced by one from its saved
 /// state.
@@ -371,7 +373,7 @@ fn watch(ticks: &AtomicU64, law: &str) {
             ));
             // Without the library's exit handlers: they may not return either.
             crate::leave(GATE);
-            crate::exit(i32::from(GATE));
+            end_now(i32::from(GATE));
         }
     }
 }
