@@ -193,12 +193,10 @@ section! { "rt" "Real-time execution and redundant channels."
         /// Number of CPUs that the four loops share: 1, 2 or 4.
         ///
         /// On more than one, each stage is woken before its input comes, and reads shared memory in a loop until then: a
-        /// shorter loop for more CPU time. `auto` flies each number for 2 s first, and takes what `ironbird doctor` would
-        /// recommend. Lockstep and slow motion ignore it.
+        /// shorter loop for more CPU time. `ironbird doctor` flies each number and recommends one. Lockstep and slow motion
+        /// ignore it.
         loop_cpus: usize = "1",
-            flag Flag::new("--loop-cpus", "N", Group::RealTime)
-                .written(Notation::WholeOrAuto)
-                .help("Number of CPUs that the four loops share: 1, 2, 4, or auto");
+            flag Flag::new("--loop-cpus", "N", Group::RealTime);
         /// Redundant control channels.
         ///
         /// Each is a complete chain of outer, inner and mixer processes. The plant takes the command of channel a if it is

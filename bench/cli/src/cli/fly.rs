@@ -9,7 +9,7 @@ use std::time::Duration;
 use crate::browser::open_page;
 use crate::cli::setting_flags::check_clock_flags;
 use crate::cli::{FlightArgs, FlyArgs, OnDeath};
-use crate::floor::{flight_baseline, loop_cpus};
+use crate::floor::flight_baseline;
 use crate::loss;
 use crate::report_command;
 use analysis::baseline::Baseline;
@@ -76,7 +76,7 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     check_outputs(&[("--junit", junit), ("--states", states)])?;
     let overrides = args.overrides();
     let file = args.flight.course.config.as_deref();
-    let mut settings = Settings::resolve(file, &overrides)?;
+    let settings = Settings::resolve(file, &overrides)?;
     settings.check_faults_of_processes(true)?;
     let channel_cpus = overrides::value_of(&overrides, "rt.channel_cpus");
     if channel_cpus == Some(&Value::from(2)) && settings.rt.channels == 1 {
@@ -108,13 +108,6 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     let mut requests = StopRequests::listen()?;
     settings.check_cpu()?;
     settings.check_priorities()?;
-    if args.rt.settings.tries_loop_cpus() && settings.flight.pace == PaceName::Realtime {
-        let cpu = settings.realtime()?.cpu;
-        let (trials, failure) = loop_cpus::fly_each(cpu, Duration::from_secs(2));
-        failure.map_or(Ok(()), Err)?;
-        say(&format!("tried: {}\n", loop_cpus::text(&trials)));
-        settings.rt.loop_cpus = loop_cpus::recommended(&trials);
-    }
     kernel_trace::check(settings.recorder.trace)?;
     if let Some(duration) = args.floor {
         flight_baseline::check(&settings, duration)?;

@@ -58,12 +58,6 @@ fn resolve(args: &RoleArgs, more: Overrides) -> Result<Settings, Failure> {
     let file = args.flight.course.config.as_deref();
     let settings = Settings::resolve_asking(false, file, &overrides)?;
     check_clock_flags(&settings, &overrides, &[])?;
-    if args.rt.settings.tries_loop_cpus() {
-        return Err(
-            Failure::usage("--loop-cpus auto: only `ironbird fly` tries the numbers")
-                .help("`ironbird doctor` recommends one: --loop-cpus 1"),
-        );
-    }
     Ok(settings)
 }
 

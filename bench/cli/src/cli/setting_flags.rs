@@ -29,13 +29,7 @@ pub const CHANNELS: u8 = Group::Channels as u8;
 
 impl<const GROUP: u8> SettingFlags<GROUP> {
     pub fn overrides(&self) -> Overrides {
-        let is_setting = |(path, value): &&(&'static str, Value)| !is_trial(path, value);
-        self.0.iter().filter(is_setting).cloned().collect()
-    }
-
-    /// Whether `--loop-cpus auto` asks for trial flights, whose result is the setting.
-    pub fn tries_loop_cpus(&self) -> bool {
-        self.0.iter().any(|(path, value)| is_trial(path, value))
+        self.0.clone()
     }
 
     fn declared() -> impl Iterator<Item = (&'static Setting, Flag)> {
@@ -44,10 +38,6 @@ impl<const GROUP: u8> SettingFlags<GROUP> {
             Some((setting, flag?))
         })
     }
-}
-
-fn is_trial(path: &str, value: &Value) -> bool {
-    path == "rt.loop_cpus" && value.as_str() == Some("auto")
 }
 
 /// Refuses flags that need the clock in a lockstep flight: those among the overrides, `--set` of the same settings, and
