@@ -13,13 +13,13 @@
 //! SIGCHLD would hide the launcher's children from it. SIGHUP and SIGQUIT stay ignored if they were: that is what
 //! `nohup` and a shell's background jobs ask for.
 
+use std::io;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::thread::{self, sleep};
 use std::time::Duration;
-use std::{fs, io};
 
 use errors::Failure;
 use rustix::event::{PollFd, PollFlags, poll};
@@ -30,7 +30,7 @@ use rustix::process::{
 use signal_hook::consts::{SIGALRM, SIGCHLD, SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::flag;
 
-use crate::rt::no_longer_ignore;
+use crate::rt::{is_ignored, no_longer_ignore};
 use ipc::error::Error;
 use ipc::sys::mask_signals;
 
@@ -63,14 +63,6 @@ pub const fn ends_at_once(signal: i32) -> bool {
 /// Whether a signal asks for the end, wherever it is not ignored.
 pub const fn asks_for_the_end(signal: i32) -> bool {
     matches!(signal, SIGINT | SIGQUIT | SIGTERM | SIGHUP)
-}
-
-/// Whether this process ignores a signal, as its parent may have wanted it to.
-fn is_ignored(signal: i32) -> bool {
-    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
-    mask.and_then(|hex| u64::from_str_radix(hex.trim(), 16).ok())
-        .is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 /// Signals that are never ignored: the mixer's deadline, children's ends, and what ends a flight in order.

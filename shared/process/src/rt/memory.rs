@@ -5,6 +5,8 @@ use std::fs;
 use std::io;
 use std::time::Duration;
 
+use rustix::mm::Advice;
+
 use super::sys;
 use ipc::error::Error;
 use ipc::instance::SHARED_MEMORY;
@@ -20,7 +22,7 @@ pub fn settle(locked: Option<&BTreeSet<String>>) -> Result<(), Error> {
 
 fn settle_by(
     locked: Option<&BTreeSet<String>>,
-    populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+    populate: impl FnMut(usize, usize, Advice) -> io::Result<()>,
 ) -> Result<(), Error> {
     match populate_mappings(locked, populate) {
         Err(e) if e.raw_os_error() != Some(UNKNOWN) => Err(Error::system(
@@ -37,12 +39,12 @@ pub(super) const UNKNOWN: i32 = libc::ENOSYS;
 /// Asks for a page of which it is certain that there is memory behind it: only a kernel that does not know the question
 /// says then that it is wrong. Of any other range, the same answer speaks of the range.
 fn ask_whether_known(
-    populate: &mut impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+    populate: &mut impl FnMut(usize, usize, Advice) -> io::Result<()>,
 ) -> io::Result<()> {
     let page_bytes = rustix::param::page_size();
     let on_the_stack = 0_u8;
     let page = (&raw const on_the_stack).expose_provenance() & !(page_bytes - 1);
-    match populate(page, page_bytes, sys::Touch::Write) {
+    match populate(page, page_bytes, sys::WRITE) {
         Err(e) if e.raw_os_error() == Some(libc::EINVAL) => {
             Err(io::Error::from_raw_os_error(UNKNOWN))
         }
@@ -54,7 +56,7 @@ fn ask_whether_known(
 /// those that other processes write and it only reads. Those are left out that are `locked` already.
 pub(super) fn populate_mappings(
     locked: Option<&BTreeSet<String>>,
-    mut populate: impl FnMut(usize, usize, sys::Touch) -> io::Result<()>,
+    mut populate: impl FnMut(usize, usize, Advice) -> io::Result<()>,
 ) -> io::Result<()> {
     ask_whether_known(&mut populate)?;
     let is_new = |line: &&str| locked.is_none_or(|locked| !locked.contains(*line));
@@ -95,12 +97,12 @@ pub(super) fn mappings() -> BTreeSet<String> {
 }
 
 /// Start, end and touch of a mapping in a line of /proc/self/maps.
-fn mapping(line: &str) -> Option<(usize, usize, sys::Touch)> {
+fn mapping(line: &str) -> Option<(usize, usize, Advice)> {
     let (range, rest) = line.split_once(' ')?;
     let (start, end) = range.split_once('-')?;
     let address = |hex| usize::from_str_radix(hex, 16).ok();
     let (start, end, touch) = (address(start)?, address(end)?, touch(rest)?);
-    let is_of_others = touch == sys::Touch::Read && rest.contains(SHARED_MEMORY);
+    let is_of_others = touch == sys::READ && rest.contains(SHARED_MEMORY);
     let end = if is_of_others {
         end.min(start + READ_BYTES)
     } else {
@@ -110,17 +112,17 @@ fn mapping(line: &str) -> Option<(usize, usize, sys::Touch)> {
 }
 
 /// How to touch a mapping, by its line in /proc/self/maps from the permissions on.
-fn touch(mapping: &str) -> Option<sys::Touch> {
+fn touch(mapping: &str) -> Option<Advice> {
     let kernels = mapping
         .split_whitespace()
         .nth(4)
         .is_some_and(|name| name.starts_with('['));
     // The main thread's stack grows by itself down to its limit; what it needs was touched by `prefault_stack`.
     if mapping.starts_with("rw") {
-        (!mapping.ends_with("[stack]")).then_some(sys::Touch::Write)
+        (!mapping.ends_with("[stack]")).then_some(sys::WRITE)
     } else {
         // The pages of the kernel, as of [vvar], are always there and cannot be populated.
-        (mapping.starts_with('r') && !kernels).then_some(sys::Touch::Read)
+        (mapping.starts_with('r') && !kernels).then_some(sys::READ)
     }
 }
 
@@ -163,14 +165,14 @@ mod tests {
     #[test]
     fn memory_is_touched_as_it_may_be() {
         let cases = [
-            ("rw-p 0 00:00 0 [heap]", Some(sys::Touch::Write)),
-            ("rw-s 0 00:19 12 /dev/shm/x.data", Some(sys::Touch::Write)),
-            ("r--s 0 00:19 12 /dev/shm/x.data", Some(sys::Touch::Read)),
-            ("r-xp 1000 08:01 12 /usr/bin/x", Some(sys::Touch::Read)),
+            ("rw-p 0 00:00 0 [heap]", Some(sys::WRITE)),
+            ("rw-s 0 00:19 12 /dev/shm/x.data", Some(sys::WRITE)),
+            ("r--s 0 00:19 12 /dev/shm/x.data", Some(sys::READ)),
+            ("r-xp 1000 08:01 12 /usr/bin/x", Some(sys::READ)),
             ("rw-p 0 00:00 0 [stack]", None),
             ("r--p 0 00:00 0 [vvar]", None),
             ("---p 0 00:00 0", None),
-            ("rw-p 0 00:00 0", Some(sys::Touch::Write)),
+            ("rw-p 0 00:00 0", Some(sys::WRITE)),
         ];
         for (mapping, expected) in cases {
             assert_eq!(touch(mapping), expected, "{mapping}");

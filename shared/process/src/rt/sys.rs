@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicI32, Ordering};
 use ipc::sys::check;
 use messages::grid::NS_PER_S;
 use messages::realtime::Usage;
+use rustix::mm::{Advice, madvise};
 use signal_hook::SigId;
 
 pub(super) fn set_fifo(priority: i32) -> io::Result<()> {
@@ -148,28 +149,24 @@ pub fn prepare_child(command: &mut Command, priority: i32) -> &mut Command {
     unsafe { command.pre_exec(set_up) }
 }
 
+/// Whether this process ignores a signal, as its parent may have wanted it to.
+pub(crate) fn is_ignored(signal: i32) -> bool {
+    let mut action = std::mem::MaybeUninit::<libc::sigaction>::zeroed();
+    // SAFETY: the pointer is to memory for one sigaction, for which all zeroes are a valid value.
+    let action = unsafe {
+        libc::sigaction(signal, std::ptr::null(), action.as_mut_ptr());
+        action.assume_init()
+    };
+    action.sa_sigaction == libc::SIG_IGN
+}
+
 /// Gives a signal that is ignored its default action back; one that has a handler keeps it.
 pub(crate) fn no_longer_ignore(signal: i32) -> io::Result<()> {
-    let mut action = std::mem::MaybeUninit::<libc::sigaction>::zeroed();
-    // SAFETY: the pointers are to memory for one sigaction, for which all zeroes are a valid value; the default action
-    // runs no code of ours.
-    unsafe {
-        check(libc::sigaction(
-            signal,
-            std::ptr::null(),
-            action.as_mut_ptr(),
-        ))?;
-        let mut action = action.assume_init();
-        if action.sa_sigaction != libc::SIG_IGN {
-            return Ok(());
-        }
-        action.sa_sigaction = libc::SIG_DFL;
-        check(libc::sigaction(
-            signal,
-            &raw const action,
-            std::ptr::null_mut(),
-        ))
+    // SAFETY: the default action runs no code of ours.
+    if is_ignored(signal) && unsafe { libc::signal(signal, libc::SIG_DFL) } == libc::SIG_ERR {
+        return Err(io::Error::last_os_error());
     }
+    Ok(())
 }
 
 /// Keeps freed memory: malloc neither trims the heap nor maps large blocks one by one.
@@ -191,22 +188,15 @@ pub(super) fn keep_freed_memory() -> io::Result<()> {
     Err(io::Error::from(io::ErrorKind::Unsupported))
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Touch {
-    Read,
-    /// As writing them would, with the content unchanged.
-    Write,
-}
+/// How pages are made present: read, or as writing them would, with the content unchanged.
+pub(super) const READ: Advice = Advice::LinuxPopulateRead;
+pub(super) const WRITE: Advice = Advice::LinuxPopulateWrite;
 
 /// Makes every page of an address range present, without the SIGBUS of a full /dev/shm.
-pub(super) fn populate(start: usize, length: usize, touch: Touch) -> io::Result<()> {
-    let advice = match touch {
-        Touch::Read => libc::MADV_POPULATE_READ,
-        Touch::Write => libc::MADV_POPULATE_WRITE,
-    };
+pub(super) fn populate(start: usize, length: usize, touch: Advice) -> io::Result<()> {
     let address = std::ptr::with_exposed_provenance_mut(start);
     // SAFETY: neither advice changes content; a range that is not mapped is an error, not a fault.
-    check(unsafe { libc::madvise(address, length, advice) })
+    Ok(unsafe { madvise(address, length, touch) }?)
 }
 
 /// What the calling thread has used so far, without its allocations.
