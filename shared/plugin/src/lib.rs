@@ -162,7 +162,8 @@ pub fn load(file: &Path) -> Result<&'static Library, Failure> {
     }
     let law: Answer = serde_json::from_str(&answer)
         .map_err(|e| unusable(named, &format!("its description cannot be read: {e}")))?;
-    let description: &'static Description = Box::leak(Box::new(law.description()));
+    let description = law.description().map_err(|what| unusable(named, &what))?;
+    let description: &'static Description = Box::leak(Box::new(description));
     let library = Library {
         words: format!(
             "{} law `{}` ({})",
@@ -192,12 +193,12 @@ fn read_law(file: &Path, named: &Path) -> Result<(&'static IronbirdLaw, String),
     let called: &'static str = words(named).leak();
     let table = loader::table(file, named, called)?;
     let described = Call::new(called, "as its table was read").wait(|| table::described(table));
-    let (table, description) = described.map_err(|what| {
+    let (table, answer) = described.map_err(|what| {
         unusable(named, &what).help(
             "the author of the law corrects that; `ironbird docs laws` says what the rig reads",
         )
     })?;
-    Ok((table, Answer::of(table, description).text()))
+    Ok((table, answer.text()))
 }
 
 /// The environment variable by which a process hands the answers of laws on, by the SHA-256 of their files.

@@ -7,23 +7,25 @@
 use std::ffi::c_char;
 use std::slice;
 
-use control_api::description::{Description, Preset, Setting, SettingKind, Signal, TICK};
+use control_api::description::TICK;
 use ironbird_law::abi::{
     IRONBIRD_INNER, IRONBIRD_LAW_INTERFACE, IRONBIRD_MIXER, IRONBIRD_MOST_PRESETS,
     IRONBIRD_MOST_SETTINGS, IRONBIRD_MOST_WORDS, IRONBIRD_NAME_BYTES, IRONBIRD_NUMBER,
     IRONBIRD_OUTER, IRONBIRD_TEXT_BYTES, IRONBIRD_THREE, IRONBIRD_WORD, IronbirdLaw,
-    IronbirdPreset, IronbirdSetting, IronbirdSignal, IronbirdSizes, IronbirdValue,
+    IronbirdPreset, IronbirdSetting, IronbirdSignal, IronbirdSizes,
 };
 use messages::role::Role;
 use messages::telemetry::TELEMETRY;
 
+use crate::answer::{Answer, Kind, PresetValue};
+
 /// Keys of a law's section that are the rig's.
 const RIGS_KEYS: &[&str] = &["law", "sha256"];
 
-/// A copy of a table, and what it says in words.
-pub(crate) type Described = (&'static IronbirdLaw, &'static Description);
-
-pub(crate) fn described(table: *const IronbirdLaw) -> Result<Described, String> {
+/// A copy of a table, and what it says in words, all of which is allowed.
+pub(crate) fn described(
+    table: *const IronbirdLaw,
+) -> Result<(&'static IronbirdLaw, Answer), String> {
     let table = checked(table)?;
     let (role, tick) = match table.role {
         IRONBIRD_OUTER => (Role::Outer, ("tick_outer", table.tick_outer.is_some())),
@@ -46,26 +48,30 @@ pub(crate) fn described(table: *const IronbirdLaw) -> Result<Described, String> 
     }
     let (first, count) = (table.settings, table.settings_count);
     let settings = each(first, count, IRONBIRD_MOST_SETTINGS, "setting", setting)?;
-    unlike(settings.iter().map(|it| it.name), RIGS_KEYS, "setting")?;
+    unlike(settings.iter().map(|it| &it.0[0]), RIGS_KEYS, "setting")?;
     let (first, count) = (table.presets, table.presets_count);
-    let read = |it: &_| preset(it, settings);
+    let read = |it: &_| preset(it, settings.len());
     let presets = each(first, count, IRONBIRD_MOST_PRESETS, "preset", read)?;
-    unlike(presets.iter().map(|it| it.name), &[], "preset")?;
+    unlike(presets.iter().map(|it| &it.0), &[], "preset")?;
     let (first, count) = (table.telemetry, table.telemetry_count);
     let telemetry = each(first, count, TELEMETRY as u64, "signal", signal)?;
-    unlike(telemetry.iter().map(|it| it.name), &[TICK], "signal")?;
-    let description = Description {
-        name: snake_case(table.name, "name")?,
+    unlike(telemetry.iter().map(|it| &it[0]), &[TICK], "signal")?;
+    let answer = Answer {
         role,
-        version: required_text(table.version, IRONBIRD_NAME_BYTES, "version")?,
-        summary: required_text(table.summary, IRONBIRD_TEXT_BYTES, "summary")?,
-        source: text(table.source, IRONBIRD_TEXT_BYTES, "source")?,
+        texts: [
+            snake_case(table.name, "name")?,
+            required_text(table.version, IRONBIRD_NAME_BYTES, "version")?,
+            required_text(table.summary, IRONBIRD_TEXT_BYTES, "summary")?,
+            text(table.source, IRONBIRD_TEXT_BYTES, "source")?,
+        ],
         settings,
         presets,
-        suited: None,
         telemetry,
+        not_real_time: table.not_real_time != 0,
+        is_rehearsed: table.copy_into.is_some(),
     };
-    Ok((table, Box::leak(Box::new(description))))
+    answer.description()?;
+    Ok((table, answer))
 }
 
 /// A copy of the table, if it is one of this interface.
@@ -104,14 +110,14 @@ fn each<T: 'static, U>(
     most: u64,
     name: &str,
     read: impl Fn(&T) -> Result<U, String>,
-) -> Result<&'static [U], String> {
+) -> Result<Vec<U>, String> {
     let array_name = match name {
         "signal" => "telemetry".to_owned(),
         name => format!("{name}s"),
     };
     let elements = array(first, count, most, &array_name)?.iter().enumerate();
     let read = elements.map(|(i, it)| read(it).map_err(|what| format!("its {name} {i}, {what}")));
-    Ok(read.collect::<Result<Vec<_>, _>>()?.leak())
+    read.collect()
 }
 
 fn array<T>(first: *const T, count: u64, most: u64, name: &str) -> Result<&'static [T], String> {
@@ -132,36 +138,26 @@ fn array<T>(first: *const T, count: u64, most: u64, name: &str) -> Result<&'stat
     Ok(unsafe { slice::from_raw_parts(first, count as usize) })
 }
 
-fn setting(it: &IronbirdSetting) -> Result<Setting, String> {
+fn setting(it: &IronbirdSetting) -> Result<([String; 3], Kind), String> {
     let name = snake_case(it.name, "name")?;
     let named = |what: String| format!("`{name}`: {what}");
-    let setting = Setting {
-        name,
-        unit: text(it.unit, IRONBIRD_NAME_BYTES, "unit").map_err(named)?,
-        meaning: required_text(it.meaning, IRONBIRD_TEXT_BYTES, "meaning").map_err(named)?,
-        kind: kind(it).map_err(named)?,
-    };
-    let default = setting.default();
-    if setting.allows(&default) {
-        return Ok(setting);
-    }
-    Err(format!(
-        "`{name}`: its default is {default:?}, and allowed is {}",
-        setting.allowed()
-    ))
+    let unit = text(it.unit, IRONBIRD_NAME_BYTES, "unit").map_err(named)?;
+    let meaning = required_text(it.meaning, IRONBIRD_TEXT_BYTES, "meaning").map_err(named)?;
+    let kind = kind(it).map_err(named)?;
+    Ok(([name, unit, meaning], kind))
 }
 
-fn kind(it: &IronbirdSetting) -> Result<SettingKind, String> {
+fn kind(it: &IronbirdSetting) -> Result<Kind, String> {
     let (kind, default, min, max) = (it.kind, it.default_number, it.min, it.max);
     if kind == IRONBIRD_WORD {
         let words = array(it.words, it.words_count, IRONBIRD_MOST_WORDS, "words")?;
         let words = words.iter().map(|it| word(*it));
-        let words = words.collect::<Result<Vec<_>, _>>()?.leak();
-        unlike(words.iter().copied(), &[], "word")?;
+        let words = words.collect::<Result<Vec<_>, _>>()?;
+        unlike(&words, &[], "word")?;
         if words.is_empty() {
             return Err("it has no words".into());
         }
-        return Ok(SettingKind::Word(words));
+        return Ok(Kind::Word(words));
     }
     if !(min.is_finite() && max.is_finite() && min <= max) {
         return Err(format!(
@@ -169,55 +165,36 @@ fn kind(it: &IronbirdSetting) -> Result<SettingKind, String> {
         ));
     }
     match kind {
-        IRONBIRD_NUMBER => {
-            let default = default[0];
-            Ok(SettingKind::Number { default, min, max })
-        }
-        IRONBIRD_THREE => Ok(SettingKind::Three { default, min, max }),
+        IRONBIRD_NUMBER => Ok(Kind::Number(default[0], min, max)),
+        IRONBIRD_THREE => Ok(Kind::Three(default, min, max)),
         other => Err(format!(
             "its kind is {other}: expected IRONBIRD_NUMBER, IRONBIRD_THREE or IRONBIRD_WORD"
         )),
     }
 }
 
-fn preset(it: &IronbirdPreset, settings: &'static [Setting]) -> Result<Preset, String> {
+fn preset(it: &IronbirdPreset, settings: usize) -> Result<(String, Vec<PresetValue>), String> {
     let name = snake_case(it.name, "name")?;
-    let count = settings.len() as u64;
-    let values = array(it.values, count, IRONBIRD_MOST_SETTINGS, "values")?;
-    let value = |(setting, it): (&'static Setting, &IronbirdValue)| {
-        let value = setting.from_abi(it);
-        match setting.allows(&value) {
-            true => Ok((setting.name, value)),
-            false => Err(format!(
-                "`{name}`: its {} is {value:?}: allowed is {}",
-                setting.name,
-                setting.allowed()
-            )),
-        }
-    };
-    let values = settings.iter().zip(values).map(value);
-    let values = values.collect::<Result<Vec<_>, _>>()?.leak();
-    Ok(Preset { name, values })
+    let values = array(it.values, settings as u64, IRONBIRD_MOST_SETTINGS, "values")?;
+    Ok((name, values.iter().map(|it| (it.number, it.word)).collect()))
 }
 
-fn signal(it: &IronbirdSignal) -> Result<Signal, String> {
+fn signal(it: &IronbirdSignal) -> Result<[String; 2], String> {
     let name = snake_case(it.name, "name")?;
-    Ok(Signal {
-        name,
-        unit: text(it.unit, IRONBIRD_NAME_BYTES, "unit")
-            .map_err(|what| format!("`{name}`: {what}"))?,
-    })
+    let unit = text(it.unit, IRONBIRD_NAME_BYTES, "unit");
+    let unit = unit.map_err(|what| format!("`{name}`: {what}"))?;
+    Ok([name, unit])
 }
 
 /// Names must differ, also from those that are the rig's.
-fn unlike(
-    names: impl Iterator<Item = &'static str>,
+fn unlike<'a>(
+    names: impl IntoIterator<Item = &'a String>,
     rigs: &[&str],
     what: &str,
 ) -> Result<(), String> {
-    let mut seen: Vec<&str> = Vec::new();
+    let mut seen = Vec::new();
     for name in names {
-        if rigs.contains(&name) {
+        if rigs.contains(&name.as_str()) {
             return Err(format!(
                 "it has the {what} `{name}`, which is the rig's own"
             ));
@@ -231,7 +208,7 @@ fn unlike(
 }
 
 /// A name as users type it.
-fn snake_case(at: *const c_char, field: &str) -> Result<&'static str, String> {
+fn snake_case(at: *const c_char, field: &str) -> Result<String, String> {
     let name = required_text(at, IRONBIRD_NAME_BYTES, field)?;
     let is_name = name.starts_with(|c: char| c.is_ascii_lowercase())
         && name
@@ -245,7 +222,7 @@ fn snake_case(at: *const c_char, field: &str) -> Result<&'static str, String> {
     ))
 }
 
-fn word(at: *const c_char) -> Result<&'static str, String> {
+fn word(at: *const c_char) -> Result<String, String> {
     let word = required_text(at, IRONBIRD_NAME_BYTES, "word")?;
     let is_word = word
         .chars()
@@ -258,7 +235,7 @@ fn word(at: *const c_char) -> Result<&'static str, String> {
     ))
 }
 
-fn required_text(at: *const c_char, most: u64, field: &str) -> Result<&'static str, String> {
+fn required_text(at: *const c_char, most: u64, field: &str) -> Result<String, String> {
     let text = text(at, most, field)?;
     if text.is_empty() {
         Err(format!("its {field} is missing"))
@@ -268,9 +245,9 @@ fn required_text(at: *const c_char, most: u64, field: &str) -> Result<&'static s
 }
 
 /// A text of one line; NULL is none.
-fn text(at: *const c_char, most: u64, field: &str) -> Result<&'static str, String> {
+fn text(at: *const c_char, most: u64, field: &str) -> Result<String, String> {
     if at.is_null() {
-        return Ok("");
+        return Ok(String::new());
     }
     // SAFETY: the library says that a NUL ends the text; no byte behind it is read.
     let length = unsafe { libc::strnlen(at, most as usize + 1) };
@@ -284,6 +261,6 @@ fn text(at: *const c_char, most: u64, field: &str) -> Result<&'static str, Strin
         Some(c) => Err(format!(
             "its {field} has the character {c:?}: expected one line of text"
         )),
-        None => Ok(text.to_owned().leak()),
+        None => Ok(text.to_owned()),
     }
 }
