@@ -28,7 +28,7 @@ use super::injected_faults::{InjectedFaults, injected_record};
 use super::log_metadata::metadata_of_logs;
 use super::message_streams::{MessageStreams, StreamPorts};
 use super::ports::{DRAIN_EVERY, rest};
-use super::report_builder::{Recorded, ReportBuilder};
+use super::report_builder::ReportBuilder;
 use super::role_statuses::RoleStatuses;
 use super::run_files::{Files, RunFiles};
 use config::Settings;
@@ -114,15 +114,13 @@ pub fn run(
     let recorder = Recorder {
         // This loads the laws, so it comes first: their files may disappear once the flight has a log.
         report: ReportBuilder::new(settings, instance.name(), &meter, margin(armed.pace)?)?,
-        recorded: Recorded {
-            settings,
-            armed: &armed,
-            files: RunFiles::create(files, settings, &logs, latencies, (tracking, laws))?,
-            streams,
-            host,
-            roles,
-            faults,
-        },
+        settings,
+        armed: &armed,
+        files: RunFiles::create(files, settings, &logs, latencies, (tracking, laws))?,
+        streams,
+        host,
+        roles,
+        faults,
         seconds,
     };
     let outcome = recorder.record(&mut session);
@@ -130,8 +128,15 @@ pub fn run(
     outcome
 }
 
-struct Recorder<'a> {
-    recorded: Recorded<'a>,
+/// What is recorded, and how the report is made of it.
+pub struct Recorder<'a> {
+    pub settings: &'a Settings,
+    pub armed: &'a Armed,
+    pub streams: MessageStreams,
+    pub files: RunFiles<'a>,
+    pub host: HostMonitor,
+    pub roles: RoleStatuses,
+    pub faults: InjectedFaults,
     report: ReportBuilder<'a>,
     /// Completed seconds of the flight.
     seconds: u64,
@@ -157,23 +162,23 @@ impl Recorder<'_> {
     /// Records until the plant closes the run or dies.
     fn record_flight(&mut self, session: &mut RoleSession) -> Result<EndReason, Failure> {
         loop {
-            rest(self.recorded.armed.pace);
+            rest(self.armed.pace);
             self.drain(false)?;
             self.sample_host();
-            let (statistics, status) = (self.recorded.streams.statistics(), &mut session.status);
+            let (statistics, status) = (self.streams.statistics(), &mut session.status);
             status.ticks_run = statistics.newest_tick();
             status.rounds += 1;
             (status.commands_missed, status.commands_stale) = statistics.commands_not_fresh();
             status.wrenches_unwatched = statistics.stages.theorem.unwatched;
             session.pass_on_stop();
             self.update_faults();
-            self.recorded.files.flush_log();
-            let run = self.recorded.armed.run.get();
+            self.files.flush_log();
+            let run = self.armed.run.get();
             if now_ns() >= run.t0_ns + (self.seconds + 1) * NS_PER_S {
                 self.seconds += 1;
                 self.write_each_second()?;
             }
-            let run = self.recorded.armed.run.get();
+            let run = self.armed.run.get();
             if run.phase() == RunPhase::Closed {
                 return Ok(run.ending());
             }
@@ -184,39 +189,36 @@ impl Recorder<'_> {
     }
 
     fn write_each_second(&mut self) -> Result<(), Failure> {
-        let every = self.recorded.settings.recorder.hlog_every_s;
+        let every = self.settings.recorder.hlog_every_s;
         if self.seconds.is_multiple_of(every) {
-            self.recorded
-                .files
-                .write_latencies(&mut self.recorded.streams.statistics_mut().series);
+            self.files
+                .write_latencies(&mut self.streams.statistics_mut().series);
         }
-        let report = self.report.build(&self.recorded, None)?;
-        self.recorded.files.write_partial_report(&report);
-        self.recorded.files.flush_states();
+        let report = self.report.build(self, None)?;
+        self.files.write_partial_report(&report);
+        self.files.flush_states();
         Ok(())
     }
 
     fn drain(&mut self, ends: bool) -> Result<(), Failure> {
-        let Armed { pace, run, .. } = self.recorded.armed;
-        self.recorded
-            .streams
-            .drain(*pace, run, &mut self.recorded.files, ends)
+        let Armed { pace, run, .. } = self.armed;
+        self.streams.drain(*pace, run, &mut self.files, ends)
     }
 
     fn sample_host(&mut self) {
-        let is_over = self.recorded.armed.run.get().phase() == RunPhase::Closed;
-        let traced = self.recorded.host.sample(
-            &self.recorded.roles,
-            self.recorded.streams.active(),
-            self.recorded.streams.statistics_mut(),
+        let is_over = self.armed.run.get().phase() == RunPhase::Closed;
+        let traced = self.host.sample(
+            &self.roles,
+            self.streams.active(),
+            self.streams.statistics_mut(),
             is_over,
         );
-        self.recorded.files.note(TRACE, traced);
+        self.files.note(TRACE, traced);
     }
 
     fn update_faults(&mut self) {
-        if let Some(faults) = self.recorded.faults.update() {
-            self.recorded.files.log_injected(&injected_record(faults));
+        if let Some(faults) = self.faults.update() {
+            self.files.log_injected(&injected_record(faults));
         }
     }
 
@@ -224,7 +226,7 @@ impl Recorder<'_> {
     fn wait_for_landing(&self) {
         let until = now_ns() + LANDING_TIMEOUT.as_nanos() as u64;
         let landed = || {
-            let loops = self.recorded.roles.loops(Channel::A);
+            let loops = self.roles.loops(Channel::A);
             let is_over =
                 |(status, fallen): (&Status, bool)| fallen || status.phase() == RolePhase::Landed;
             loops.iter().zip(fallen(&loops)).all(is_over)
@@ -236,8 +238,8 @@ impl Recorder<'_> {
 
     fn wait_for_swaps(&mut self) -> Result<(), Failure> {
         let until = now_ns() + LAST_SWAPS_TIMEOUT.as_nanos() as u64;
-        let counted = self.recorded.armed.run.get().parameter_epoch;
-        while !self.recorded.streams.has_all_swaps(counted) && now_ns() < until {
+        let counted = self.armed.run.get().parameter_epoch;
+        while !self.streams.has_all_swaps(counted) && now_ns() < until {
             sleep(DRAIN_EVERY);
             self.drain(false)?;
         }
@@ -246,38 +248,30 @@ impl Recorder<'_> {
 
     /// Completes the statistics and the files, and writes the report.
     fn finish(mut self, ending: EndReason, closed_ns: u64) -> Result<Report, Failure> {
-        let run = self.recorded.armed.run.get();
+        let run = self.armed.run.get();
         self.drain(true)?;
-        let active = self.recorded.streams.active();
-        let statistics = self.recorded.streams.statistics_mut();
+        let loops = self.roles.loops(self.streams.active());
+        let statistics = self.streams.statistics_mut();
         statistics.finish(&run, closed_ns);
-        statistics.deaths.finish(
-            fallen(&self.recorded.roles.loops(active)),
-            statistics.newest_tick(),
-        );
-        self.recorded.files.finish_latencies(&mut statistics.series);
-        self.recorded
-            .streams
-            .finish_states(&mut self.recorded.files);
-        let statistics = self.recorded.streams.statistics_mut();
-        let loops = self.recorded.roles.loops(active);
-        let traced = self
-            .recorded
-            .host
-            .finish(&loops, statistics, run.deadlines_missed);
-        self.recorded.files.note(TRACE, traced);
+        let newest = statistics.newest_tick();
+        statistics.deaths.finish(fallen(&loops), newest);
+        self.files.finish_latencies(&mut statistics.series);
+        self.streams.finish_states(&mut self.files);
+        let statistics = self.streams.statistics_mut();
+        let traced = self.host.finish(&loops, statistics, run.deadlines_missed);
+        self.files.note(TRACE, traced);
         statistics
             .miss_runs
             .update(run.deadlines_missed, run.deadline_miss_run);
-        self.recorded.files.prepare_final_report();
-        let mut report = self.report.build(&self.recorded, Some(ending))?;
+        self.files.prepare_final_report();
+        let mut report = self.report.build(&self, Some(ending))?;
         let last_record = record(&[
             ("ending", ending.name()),
             ("ticks_run", &run.ticks_run.to_string()),
             ("ticks_skipped", &run.ticks_skipped.to_string()),
             ("deadlines_missed", &run.deadlines_missed.to_string()),
         ]);
-        self.recorded.files.finish(&mut report, last_record);
+        self.files.finish(&mut report, last_record);
         Ok(report)
     }
 }

@@ -19,27 +19,12 @@ use ipc::clock::now_ns;
 use messages::blackboards::{EndReason, Run};
 use messages::role::Channel;
 use process::rt::UsageMeter;
-use process::session::Armed;
 
-use super::host_monitor::HostMonitor;
-use super::message_streams::MessageStreams;
-use super::role_statuses::RoleStatuses;
-use super::run_files::RunFiles;
-use crate::injected_faults::{InjectedFaults, injected};
+use super::recording::Recorder;
+use crate::injected_faults::injected;
 use config::Settings;
 use config::law_settings::Chosen;
 use flight_log::wall_time::utc;
-
-/// The parts of a recorder that a report is made from.
-pub struct Recorded<'a> {
-    pub settings: &'a Settings,
-    pub armed: &'a Armed,
-    pub streams: MessageStreams,
-    pub files: RunFiles<'a>,
-    pub host: HostMonitor,
-    pub roles: RoleStatuses,
-    pub faults: InjectedFaults,
-}
 
 /// Makes reports; it holds the parts of them that do not change in flight.
 pub struct ReportBuilder<'a> {
@@ -73,7 +58,7 @@ impl<'a> ReportBuilder<'a> {
     /// The figures so far; the final ones if there is an ending.
     pub fn build(
         &self,
-        recorded: &Recorded<'_>,
+        recorded: &Recorder<'_>,
         ending: Option<EndReason>,
     ) -> Result<Report, Failure> {
         let (settings, host) = (recorded.settings, &recorded.host);
@@ -146,8 +131,8 @@ impl<'a> ReportBuilder<'a> {
         Ok(report)
     }
 
-    fn recorder_section(&self, recorded: &Recorded<'_>, run: &Run) -> schema::RecorderSection {
-        let Recorded { streams, files, .. } = recorded;
+    fn recorder_section(&self, recorded: &Recorder<'_>, run: &Run) -> schema::RecorderSection {
+        let Recorder { streams, files, .. } = recorded;
         let lost = TOPICS.into_iter().zip(streams.statistics().lost());
         let elapsed_ns = now_ns().saturating_sub(run.t0_ns.max(self.began_ns)).max(1);
         schema::RecorderSection {
