@@ -25,10 +25,6 @@ impl Stage for Inner {
     fn work(&mut self, _: u64, _: &(Stamped<Setpoint>, Stamped<State>)) -> Option<Wrench> {
         None
     }
-
-    fn rehearse(&mut self, _: u64, _: &(Stamped<Setpoint>, Stamped<State>)) -> Option<Wrench> {
-        None
-    }
 }
 
 fn arm<C: Topic>(sender: &mut Sender<C>) {

@@ -29,10 +29,6 @@ impl Stage for Recorder {
         self.0.borrow_mut().push((wrench.tick, thrust_n));
         None
     }
-
-    fn rehearse(&mut self, _tick: u64, _wrench: &Stamped<Wrench>) -> Option<RotorSpeeds> {
-        None
-    }
 }
 
 /// A stage in flight, its sender, and the plant's blackboard.

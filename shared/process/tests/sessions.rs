@@ -133,10 +133,6 @@ impl Stage for Idle<'_> {
     fn work(&mut self, _: u64, _: &Stamped<State>) -> Option<Wrench> {
         None
     }
-
-    fn rehearse(&mut self, _: u64, _: &Stamped<State>) -> Option<Wrench> {
-        None
-    }
 }
 
 #[test]

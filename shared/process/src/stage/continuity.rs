@@ -282,10 +282,6 @@ mod tests {
             None
         }
 
-        fn rehearse(&mut self, _tick: u64, _state: &Stamped<State>) -> Option<Setpoint> {
-            None
-        }
-
         fn save(&mut self, state: &mut SavedState) -> bool {
             state.clear();
             state.push(self.0).is_ok()

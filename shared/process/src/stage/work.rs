@@ -23,7 +23,9 @@ pub trait Stage {
     }
 
     /// What [`Self::work`] would publish; nothing if the law cannot be copied. It changes nothing.
-    fn rehearse(&mut self, tick: u64, inputs: &StageInputs<Self>) -> Option<Self::Output>;
+    fn rehearse(&mut self, _tick: u64, _inputs: &StageInputs<Self>) -> Option<Self::Output> {
+        None
+    }
 
     /// Saves what the stage remembers between ticks; false if its law cannot be saved.
     fn save(&mut self, _state: &mut SavedState) -> bool {
