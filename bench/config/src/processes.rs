@@ -258,7 +258,7 @@ impl Settings {
             Some(_) if !asks => Ok(()),
             Some(law) => {
                 let answer = || made().map(|()| String::new());
-                plugin::ask(&format!("the {}", law.words()), answer).map(drop)
+                plugin::ask(&format!("the {}", law.words), answer).map(drop)
             }
         }
     }

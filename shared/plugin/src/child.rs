@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicI32, AtomicU8, Ordering};
 use errors::output::say;
 use errors::{FAILED, Failure, INTERRUPTED};
 use rustix::fs::{MemfdFlags, memfd_create};
-use rustix::io::Errno;
+use rustix::io::retry_on_intr;
 use rustix::process::{Pid, Signal, WaitOptions, set_parent_process_death_signal, waitpid};
 
 use crate::crash;
@@ -146,13 +146,9 @@ pub fn ask(
         end_now(0);
     }
     let pid = Pid::from_raw(child.max(0)).ok_or_else(|| failed(io::Error::last_os_error()))?;
-    let status = loop {
-        match waitpid(Some(pid), WaitOptions::empty()) {
-            Ok(Some((_, status))) => break ExitStatus::from_raw(status.as_raw()),
-            Ok(None) | Err(Errno::INTR) => {}
-            Err(e) => return Err(failed(e.into())),
-        }
-    };
+    let ended = retry_on_intr(|| waitpid(Some(pid), WaitOptions::empty()));
+    let ended = ended.map_err(|e| failed(e.into()))?;
+    let status = ExitStatus::from_raw(ended.map_or(0, |(_, status)| status.as_raw()));
     let answer = file.rewind().and_then(|()| io::read_to_string(file));
     serde_json::from_str(&answer.map_err(failed)?).unwrap_or_else(|_| {
         let what = "the process that asked it ended without an answer";

@@ -59,11 +59,6 @@ macro_rules! constructors {
 }
 
 impl Library {
-    /// The law and its role, with its file.
-    pub const fn words(&self) -> &'static str {
-        self.words
-    }
-
     constructors!(outer: OuterLaw, inner: InnerLaw, mixer: MixerLaw);
 
     /// The law before tick 0, and its twin for warm-up runs.

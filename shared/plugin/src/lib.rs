@@ -68,7 +68,7 @@ pub struct Library {
     table: OnceLock<&'static IronbirdLaw>,
     content: Content,
     /// The law and its role, with its file.
-    words: &'static str,
+    pub words: &'static str,
     /// Ticks after which the thread computed in another way than before.
     modes_put_back: AtomicU64,
 }

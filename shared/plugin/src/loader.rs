@@ -155,32 +155,23 @@ fn adapter(script: &Path) -> Result<PathBuf, Failure> {
         let what = format!("{PYTHON_ADAPTER} names {file}, and there is no such file");
         return Err(Failure::usage(what).help(ANOTHER_ADAPTER));
     }
-    let places = adapter_places();
+    let executable = env::current_exe().ok();
+    let folder = executable.as_deref().and_then(Path::parent);
+    let folder = folder.unwrap_or(Path::new("/"));
+    let places = ["", "../lib/ironbird"].map(|place| folder.join(place).join(ADAPTER_FILE));
     if let Some(adapter) = places.iter().find(|place| place.is_file()) {
         return Ok(adapter.clone());
     }
-    let places: Vec<_> = places.iter().map(|it| it.display().to_string()).collect();
-    let places = places.join(" or ");
-    let what = format!("a law in Python needs {ADAPTER_FILE}, which is not at {places}");
+    let [beside, installed] = places.map(|it| it.display().to_string());
+    let what =
+        format!("a law in Python needs {ADAPTER_FILE}, which is not at {beside} or {installed}");
     let remedy = format!("build it: {BUILD_ADAPTER}; or name it with {PYTHON_ADAPTER}");
     Err(unusable(script, &what).help(remedy))
 }
 
-/// Where the adapter is looked for when the environment names none.
-fn adapter_places() -> Vec<PathBuf> {
-    let executable = env::current_exe().ok();
-    let folder = executable.as_deref().and_then(Path::parent);
-    let places = ["", "../lib/ironbird"].iter();
-    let places = folder.map(|folder| places.map(|place| folder.join(place).join(ADAPTER_FILE)));
-    places.into_iter().flatten().collect()
-}
-
 /// Whether a law in Python can fly: the adapter is where it is looked for.
 pub fn has_python_adapter() -> bool {
-    match env::var_os(PYTHON_ADAPTER) {
-        Some(named) => Path::new(&named).is_file(),
-        None => adapter_places().iter().any(|place| place.is_file()),
-    }
+    adapter(Path::new("")).is_ok()
 }
 
 pub(crate) struct Refusal([u8; REFUSAL_BYTES]);

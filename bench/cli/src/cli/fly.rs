@@ -155,10 +155,7 @@ fn slow_laws(settings: &Settings) -> Result<Vec<String>, Failure> {
         .filter_map(Chosen::library)
         .filter(|law| law.not_real_time);
     let sentence = |law: &plugin::Library| {
-        format!(
-            "the {} is not real-time: it may miss deadlines",
-            law.words()
-        )
+        format!("the {} is not real-time: it may miss deadlines", law.words)
     };
     Ok(slow.map(sentence).collect())
 }
