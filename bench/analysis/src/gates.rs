@@ -555,8 +555,7 @@ mod tests {
                 ..ProcessFailure::default()
             }];
         };
-        let unknown =
-            "stale ticks per million: a process of inner failed, and its ticks are not counted";
+        let unknown = "stale ticks per million: measured nothing: a process of inner failed, and its ticks are not counted";
         check(replaced, unknown);
         let whole = "loop p99.9 [us]: 51.1";
         check(|it| it.series[0].p999_us = Some(51.1), whole);
