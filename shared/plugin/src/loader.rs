@@ -138,8 +138,11 @@ fn is_code(address: usize) -> bool {
         let [start, end] = [start, end].map(|hex| usize::from_str_radix(hex, 16).ok());
         Some((start?..end?).contains(&address) && rest.get(2..3) == Some("x"))
     };
-    let mappings = fs::read_to_string("/proc/self/maps").unwrap_or_default();
-    mappings.lines().any(|line| holds(line) == Some(true))
+    // A path in it may be no UTF-8.
+    let mappings = fs::read("/proc/self/maps").unwrap_or_default();
+    String::from_utf8_lossy(&mappings)
+        .lines()
+        .any(|line| holds(line) == Some(true))
 }
 
 fn innermost(error: &dyn std::error::Error) -> String {
