@@ -60,14 +60,14 @@ pub(super) fn populate_mappings(
 ) -> io::Result<()> {
     ask_whether_known(&mut populate)?;
     let is_new = |line: &&str| locked.is_none_or(|locked| !locked.contains(*line));
-    for line in fs::read_to_string(MAPPINGS)?.lines().filter(is_new) {
+    for line in maps()?.lines().filter(is_new) {
         let Some((start, end, touch)) = mapping(line) else {
             continue;
         };
         // Another thread may give the range back, and take it again, while it is being touched.
         let mut tries = 0;
         while let Err(refused) = populate(start, end - start, touch) {
-            if !fs::read_to_string(MAPPINGS)?.lines().any(|now| now == line) {
+            if !maps()?.lines().any(|now| now == line) {
                 break;
             }
             tries += 1;
@@ -86,14 +86,15 @@ const READ_BYTES: usize = 512 << 10;
 
 /// How often a range that is there is tried to be touched: memory that has run out stays so.
 const POPULATE_TRIES: u32 = 100;
-const MAPPINGS: &str = "/proc/self/maps";
+
+/// The mappings of this process, one a line; a path in them may be no UTF-8.
+fn maps() -> io::Result<String> {
+    fs::read("/proc/self/maps").map(|maps| String::from_utf8_lossy(&maps).into_owned())
+}
 
 pub(super) fn mappings() -> BTreeSet<String> {
-    fs::read_to_string(MAPPINGS)
-        .unwrap_or_default()
-        .lines()
-        .map(str::to_owned)
-        .collect()
+    let maps = maps().unwrap_or_default();
+    maps.lines().map(str::to_owned).collect()
 }
 
 /// Start, end and touch of a mapping in a line of /proc/self/maps.
