@@ -7,10 +7,10 @@ use crate::gates::{
     Gates, METRICS, RECOVERED_BELOW_M, SignalGate, TRACKING_ERROR, TRACKING_YAW_ERROR,
     YAW_ERROR_MAX_RAD,
 };
-use crate::lines::{Lines, line_of};
+use crate::lines::Lines;
 use crate::spread::{SOBOL_DIMENSIONS, SOBOL_FLIGHTS};
 use analysis::phrase::count;
-use errors::{Failure, of_toml};
+use errors::{Failure, toml_mistake};
 use faults::ValueType;
 use messages::parameters::{Parameter, did_you_mean, nearest};
 use messages::telemetry::LAW_ROLES;
@@ -44,15 +44,10 @@ const PARTS: [&str; 5] = ["what", "value", "at_s", "over_s", "for_s"];
 const KINDS: &str = "fixed, choice, grid, uniform, normal, loguniform, latin, sobol";
 
 pub fn read(text: &str) -> Result<Campaign, Failure> {
-    let failure = |mistakes: &[(usize, String)]| {
-        let line = |(line, mistake): &(usize, String)| format!("line {line}: {mistake}");
-        let lines: Vec<String> = mistakes.iter().map(line).collect();
-        Failure::usage(lines.join("; ")).help("`ironbird docs campaigns` explains the file")
+    let refused = |mistakes: String| {
+        Failure::usage(mistakes).help("`ironbird docs campaigns` explains the file")
     };
-    let unread = |e: toml::de::Error| {
-        let line = line_of(text, e.span().unwrap_or_default().start);
-        failure(&[(line, of_toml(e.message()).trim_end().replace('\n', ", "))])
-    };
+    let unread = |e: toml::de::Error| refused(toml_mistake(text, e.message(), e.span()));
     let given: Table = text.parse().map_err(unread)?;
     let document = DeTable::parse(text).map_err(unread)?.into_inner();
     let order = |section: &str| -> Vec<String> {
@@ -73,7 +68,11 @@ pub fn read(text: &str) -> Result<Campaign, Failure> {
         return Ok(campaign);
     }
     reader.mistakes.sort_by_key(|(line, _)| *line);
-    Err(failure(&reader.mistakes))
+    let lines = reader.mistakes.iter();
+    let lines: Vec<String> = lines
+        .map(|(line, what)| format!("line {line}: {what}"))
+        .collect();
+    Err(refused(lines.join("; ")))
 }
 
 struct Reader {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use errors::line_of;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -57,9 +58,4 @@ impl Lines {
         let longest = named.max_by_key(|(key, _)| key.len());
         longest.map(|(_, line)| *line)
     }
-}
-
-pub(crate) fn line_of(text: &str, start: usize) -> usize {
-    let before = text.bytes().take(start);
-    1 + before.filter(|byte| *byte == b'\n').count()
 }

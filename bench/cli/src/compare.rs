@@ -26,7 +26,7 @@ use crate::cli::{CompareArgs, DiffFormat, SUITES};
 use crate::report_command::{exit_code, publish};
 use config::{Overrides, Settings, overrides};
 use errors::output::{print, say};
-use errors::{Failure, USAGE, check_outputs, read_text, write_text};
+use errors::{Failure, USAGE, check_outputs, read_text, toml_mistake, write_text};
 use experiments::combinations::{self, Combination};
 use experiments::parallel::{jobs, on_processors};
 use experiments::progress::Progress;
@@ -386,8 +386,8 @@ impl CaseTable {
 
     fn read(place: String, text: &str) -> Result<Self, Failure> {
         let refused = |what: String| Failure::usage(format!("{place}: {what}")).help(Self::HELP);
-        let cases: CaseFile = toml::from_str(text)
-            .map_err(|e| refused(e.to_string().trim_end().replace('\n', " ")))?;
+        let cases: CaseFile =
+            toml::from_str(text).map_err(|e| refused(toml_mistake(text, e.message(), e.span())))?;
         let mut names = BTreeSet::new();
         if let Some(twice) = cases.row.iter().find(|row| !names.insert(&row.name)) {
             return Err(refused(format!("two rows have the name `{}`", twice.name)));

@@ -8,8 +8,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
 
-use errors::{Failure, of_toml};
-use faults::grammar::begin_of;
+use errors::{Failure, line_of, toml_mistake};
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter, ParameterError, SPECS};
 use serde::Deserialize;
@@ -93,17 +92,10 @@ struct Rotor {
 /// Reads the text of an airframe file, or returns the mistakes in it, each with its line: the first one of its form, or
 /// all of its numbers.
 fn read(text: &str) -> Result<Design, Vec<String>> {
-    let unread = |e: &toml::de::Error, what: &str| {
-        let line = line_of(text, &e.span().unwrap_or_default());
-        let source = text.lines().nth(line - 1).unwrap_or_default().trim();
-        let (source, what) = (begin_of(source), what.replace('\n', ", "));
-        vec![format!("line {line}, `{source}`: {what}")]
-    };
-    text.parse::<Table>()
-        .map_err(|e| unread(&e, of_toml(e.message())))?;
     let file: AirframeFile = toml::from_str(text).map_err(|e| {
         let what = e.message().replace("expected f64", "expected a number");
-        unread(&e, &what.replace("expected a map", "expected a section"))
+        let what = what.replace("expected a map", "expected a section");
+        vec![toml_mistake(text, &what, e.span())]
     })?;
     let mut mistakes = Mistakes::new();
     let airframe = check_airframe(&file.airframe, &mut mistakes);
@@ -127,8 +119,11 @@ fn read(text: &str) -> Result<Design, Vec<String>> {
         }),
         None => {
             mistakes.sort_by_key(|(span, _)| span.start);
-            let describe = |(span, mistake)| format!("line {}: {mistake}", line_of(text, &span));
-            Err(mistakes.into_iter().map(describe).collect())
+            let mistakes = mistakes.into_iter();
+            let describe = |(span, mistake): (Range<usize>, String)| {
+                format!("line {}: {mistake}", line_of(text, span.start))
+            };
+            Err(mistakes.map(describe).collect())
         }
     }
 }
@@ -195,11 +190,6 @@ fn check_model(given: &Numbers, airframe: Option<&Airframe>, mistakes: &mut Mist
             mistakes.push((value.span(), format!("model: {error}")));
         }
     }
-}
-
-/// The line of a place in a text, from 1.
-pub(super) fn line_of(text: &str, span: &Range<usize>) -> usize {
-    1 + text[..span.start].matches('\n').count()
 }
 
 impl Design {

@@ -21,7 +21,7 @@ use crate::overrides::{self, Overrides, PRESET};
 use crate::toml_access::{
     DEFAULT_TABLE, coerce, example, kind, nearest, place_path, place_paths, table, text, text_of,
 };
-use errors::{Failure, of_toml};
+use errors::{Failure, toml_mistake};
 
 /// The default with the paper's airframe laid over it, and that airframe. Read once, since a campaign resolves settings for
 /// each of its flights.
@@ -551,16 +551,8 @@ pub(super) fn read(path: &Path) -> Result<Table, Failure> {
         )
         })?;
     let place = origin(Some(path));
-    text.parse().map_err(|e: toml::de::Error| {
-        let what = of_toml(e.message());
-        match e.span().filter(|_| what != e.message()) {
-            Some(span) => {
-                let line = airframe::line_of(&text, &span);
-                here(&place, format!("line {line}: {what}"))
-            }
-            None => here(&place, e),
-        }
-    })
+    let unread = |e: toml::de::Error| here(&place, toml_mistake(&text, e.message(), e.span()));
+    text.parse().map_err(unread)
 }
 
 /// What is set beside the settings: of the type that the default has.

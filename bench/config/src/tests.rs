@@ -307,7 +307,7 @@ fn keys_set_beside_sections_have_the_type_of_the_default() {
 /// A settings file, with `; ` between its lines, and a part of the error.
 #[rustfmt::skip]
 const REFUSED: &[(&str, &str)] = &[
-    ("[inner]; [outer]; [inner]", "line 3: this section or key is in the file twice: write it once"),
+    ("[inner]; [outer]; [inner]", "line 3, `[inner]`: this section or key is in the file twice: write it once"),
     ("[flihgt]", "unknown section [flihgt]; did you mean `flight`?"),
     ("[inner]; alpha = 3", r#"unknown key `inner.alpha` of the law "adaptive"; did you mean `alpha_1_s`?"#),
     (r#"[inner]; law = "fixed"; adaptation = "on""#, r#"unknown key `inner.adaptation` of the law "fixed""#),
@@ -357,7 +357,7 @@ const REFUSED: &[(&str, &str)] = &[
     (r#"[flight]; faults = ["state.drop=0.1@tick30001"]"#, "a fault at tick 30001 is after the end of the flight"),
     ("[flight]; period_s = nan", "flight.period_s = NaN is out of range: allowed is 0.0001 to 0.02 s"),
     ("[flight]; seed = -1", "flight.seed = -1 is out of range: allowed are whole numbers from 0 to 9223372036854775807"),
-    (r#"[flight]; airframe = "paper"; seed = 99999999999999999999999"#, "line 3: a whole number beyond 9223372036854775807 cannot be read"),
+    (r#"[flight]; airframe = "paper"; seed = 99999999999999999999999"#, "line 3, `seed = 99999999999999999999999`: a whole number beyond 9223372036854775807 cannot be read"),
     ("[model]; wingspan_m = 2", "unknown key `model.wingspan_m`"),
     ("[model]; gravity_m_s2 = 0", "model.gravity_m_s2 = 0: the laws hold a weight, and have none then; write a gravity above 0,"),
     ("[rt]; lead_us = 10.5", r#"rt.lead_us = 10.5: expected a whole number or a string, as in "auto""#),

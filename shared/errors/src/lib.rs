@@ -5,6 +5,7 @@ pub mod output;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Read as _, Write};
+use std::ops::Range;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf, absolute};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -222,9 +223,35 @@ pub const TOO_LARGE: &str = "a whole number beyond 9223372036854775807 cannot be
 pub fn of_toml(message: &str) -> &str {
     match message {
         "duplicate key" => "this section or key is in the file twice: write it once",
-        _ if message.contains("integer `") || message.ends_with("value was too large") => TOO_LARGE,
+        _ if is_of_large_number(message) => TOO_LARGE,
         _ => message,
     }
+}
+
+fn is_of_large_number(message: &str) -> bool {
+    let is_of_type = |integer| message.contains(integer);
+    ["` as i128", "` as u128", "invalid value: integer `"]
+        .iter()
+        .any(is_of_type)
+        || message.ends_with("value was too large")
+}
+
+/// A mistake that a TOML parser found at a place in a text: the line, what it says, and the message.
+pub fn toml_mistake(text: &str, message: &str, span: Option<Range<usize>>) -> String {
+    const LONGEST: usize = 60;
+    let line = line_of(text, span.unwrap_or_default().start);
+    let source = text.lines().nth(line - 1).unwrap_or_default().trim();
+    let what = of_toml(message).trim_end().replace('\n', ", ");
+    match source.len() {
+        1..=LONGEST => format!("line {line}, `{source}`: {what}"),
+        _ => format!("line {line}: {what}"),
+    }
+}
+
+/// The line of a place in a text, from 1.
+pub fn line_of(text: &str, start: usize) -> usize {
+    let before = text.bytes().take(start);
+    1 + before.filter(|byte| *byte == b'\n').count()
 }
 
 /// Largest text that is read [bytes]: ten times the largest that is written. As JSON it takes up to 17 times as much
