@@ -110,6 +110,11 @@ impl InjectedFault {
         self.to_tick.is_none() && self.what.split(',').all(happens_once)
     }
 
+    /// Whether it did something: it began, and does not only end another one.
+    pub fn acted(&self) -> bool {
+        !self.is_cancelled() && !self.what.ends_with("=off")
+    }
+
     /// Whether another fault ended it before it began.
     pub fn is_cancelled(&self) -> bool {
         self.to_tick.is_some_and(|to| to <= self.tick)

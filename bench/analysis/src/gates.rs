@@ -2,7 +2,6 @@
 //!
 //! Every flight has two gates; the others are requested. A gate that measured nothing does not hold.
 
-use crate::faults::ProcessFailure;
 use crate::phrase::{beside, count};
 use crate::schema::{
     AGITATION, AcceptanceResult, ControlPerformance, Explained, FlightStatus, Gate, NOT_FRESH,
@@ -229,9 +228,10 @@ fn stale(report: &Report) -> Measured {
         (has_input && stage.ticks_run > 0).then(|| (rate, name.clone()))
     };
     on_the_clock(report, "stale ticks per million".into(), || {
-        if let Some(ProcessFailure { role, .. }) = report.deaths.first() {
+        let mut stages = report.roles.iter();
+        if let Some((stage, _)) = stages.find(|(name, it)| it.is_successor && *name != "record") {
             return Err(format!(
-                "a process of {role} failed, and its ticks are not counted"
+                "the {stage} process was replaced; the stale ticks of its predecessor are unknown"
             ));
         }
         let rates = report.roles.iter().filter_map(rate);
@@ -550,12 +550,12 @@ mod tests {
         };
         check(worst, "stale ticks per million: 150.0 (b.inner)");
         let replaced = |it: &mut Report| {
-            it.deaths = vec![ProcessFailure {
-                role: "inner".into(),
-                ..ProcessFailure::default()
-            }];
+            it.roles
+                .entry("inner".into())
+                .and_modify(|it| it.is_successor = true);
         };
-        let unknown = "stale ticks per million: measured nothing: a process of inner failed, and its ticks are not counted";
+        let unknown = "stale ticks per million: measured nothing: the inner process was replaced; the stale ticks of \
+                       its predecessor are unknown";
         check(replaced, unknown);
         let whole = "loop p99.9 [us]: 51.1";
         check(|it| it.series[0].p999_us = Some(51.1), whole);

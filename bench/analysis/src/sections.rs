@@ -110,6 +110,7 @@ pub fn role_section(status: &Status) -> schema::RoleSection {
         ticks_run: status.ticks_run,
         ticks_skipped: status.ticks_skipped,
         ticks_stale: status.ticks_stale,
+        is_successor: false,
         rejected: rejections(&status.rejections),
         landed,
         usage: landed.then(|| schema::LoopUsage {

@@ -121,11 +121,10 @@ fn fly_table(
         None => vec![String::new()],
         Some(at_s) => at_s.iter().map(|at_s| format!("@{at_s}s")).collect(),
     };
-    if let Some(faults) = overrides::value_of(overrides, FAULTS) {
-        let what = format!("--set {FAULTS}={faults}: each row of a table has its own faults");
-        return Err(Failure::usage(what).help("leave it out, or write a table with these faults"));
-    }
-    if Settings::in_file(args.course.config.as_deref(), "flight", "faults")?.is_some() {
+    if let Some(Value::Array(faults)) =
+        Settings::in_file(args.course.config.as_deref(), "flight", "faults")?
+        && !faults.is_empty()
+    {
         say(
             "warning: the faults of the settings file are ignored; each row of a table has its own\n",
         );
@@ -136,12 +135,19 @@ fn fly_table(
         let (of_all, of_row) = set("set", &cases.set)
             .and_then(|all| Ok((all, set("row.set", &row.set)?)))
             .map_err(|e| Failure::usage(format!("set: {e}{of_row_in}")))?;
+        let given = [&of_all[..], overrides, &of_row].concat();
+        if let Some(faults) = overrides::value_of(&given, FAULTS) {
+            let what =
+                format!("{FAULTS} = {faults}: each row of a table has its own faults{of_row_in}");
+            let help = "leave it out, or write a table with these faults";
+            return Err(Failure::usage(what).help(help));
+        }
         let laws = LAW_ROLES.map(|role| format!("{role}.law"));
         let law = laws
             .iter()
             .find(|law| overrides::value_of(&of_row, law).is_some());
         if let Some(law) = law {
-            let what = format!("set: {law}: the laws are the columns of a table{of_row_in}");
+            let what = format!("set: {law}: all rows of a table fly the same laws{of_row_in}");
             let help = "name them by --outer, --inner and --mixer, or set one law for all rows";
             return Err(Failure::usage(what).help(help));
         }
@@ -150,7 +156,7 @@ fn fly_table(
             faults.map(|fault| format!("{fault}{instant}")).collect()
         };
         let own = vec![(FAULTS, Value::from(faults(&instants[0])))];
-        let overrides = [&of_all[..], overrides, &of_row, &own].concat();
+        let overrides = [&given[..], &own].concat();
         let plan = Plan::new(args, combinations, &overrides, bound_m);
         let plan = plan.map_err(|failure| failure.append(&of_row_in))?;
         for (repetition, instant) in (0..).zip(&instants) {

@@ -128,7 +128,7 @@ fn trace(reader: &mut LogReader, directory: &Path) -> Result<u8, Failure> {
         }
     };
     let faults = report.iter().flat_map(|it| &it.faults);
-    let faults = faults.filter(|it| !it.is_cancelled()).flat_map(|it| {
+    let faults = faults.filter(|it| it.acted()).flat_map(|it| {
         let end = it.to_tick.map(|tick| (tick, format!("{} ends", it.what)));
         [Some((it.tick, it.what.clone())), end]
             .into_iter()

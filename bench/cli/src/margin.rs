@@ -18,6 +18,7 @@ use experiments::margin::{Task, measure_all, table};
 use experiments::parallel::jobs;
 use process::signals::stop_flag;
 use render::margin::document;
+use toml::Value;
 
 const DURATION: &str = "flight.duration_s";
 
@@ -69,17 +70,14 @@ fn no_table(args: &MarginArgs) -> Option<String> {
 
 /// The settings of each combination of laws, without faults.
 fn settings(args: &MarginArgs) -> Result<Vec<Settings>, Failure> {
-    if let Some(fault) = args.course.faults.first() {
-        let what = format!("--fault {fault}: margins are measured without other faults");
+    let mut given = args.course.overrides();
+    if let Some(Value::Array(faults)) = overrides::value_of(&given, "flight.faults")
+        && let Some(fault) = faults.first()
+    {
+        let what = format!("the fault {fault}: margins are measured without other faults");
         return Err(Failure::usage(what).help(
             "describe the airframe in the section [plant] of a settings file and pass it with --config",
         ));
-    }
-    let mut given = args.course.overrides();
-    if let Some(faults) = overrides::value_of(&given, "flight.faults") {
-        let what =
-            format!("--set flight.faults={faults}: margins are measured without other faults");
-        return Err(Failure::usage(what).help("leave it out"));
     }
     let laws = &args.laws;
     let most = combinations::PAGE_MAX;

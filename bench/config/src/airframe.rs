@@ -95,7 +95,12 @@ fn read(text: &str) -> Result<Design, Vec<String>> {
     let file: AirframeFile = toml::from_str(text).map_err(|e| {
         let what = e.message().replace("expected f64", "expected a number");
         let what = what.replace("expected a map", "expected a section");
-        vec![toml_mistake(text, &what, e.span())]
+        let mut sections = ["airframe", "rotor"].into_iter();
+        let missing = sections.find(|name| what == format!("missing field `{name}`"));
+        vec![match missing {
+            Some(section) => format!("the section [{section}] is missing"),
+            None => toml_mistake(text, &what, e.span()),
+        }]
     })?;
     let mut mistakes = Mistakes::new();
     let airframe = check_airframe(&file.airframe, &mut mistakes);
@@ -132,7 +137,7 @@ fn read(text: &str) -> Result<Design, Vec<String>> {
 type Mistakes = Vec<(Range<usize>, String)>;
 
 fn check_airframe(given: &Spanned<Numbers>, mistakes: &mut Mistakes) -> Option<Airframe> {
-    let (before, place, given) = (mistakes.len(), given.span(), given.as_ref());
+    let (place, given) = (given.span(), given.as_ref());
     let mut values = *Airframe::nominal().values();
     for (name, value) in given {
         let parameter = Parameter::from_name(name);
@@ -149,7 +154,7 @@ fn check_airframe(given: &Spanned<Numbers>, mistakes: &mut Mistakes) -> Option<A
         let mistake = format!("missing in [airframe]: {}", missing.join(", "));
         mistakes.push((place, mistake));
     }
-    let is_right = mistakes.len() == before;
+    let is_right = mistakes.is_empty();
     let airframe = Airframe::built_with(values).ok().filter(|_| is_right)?;
     if let Some(why) = impossible_body(&airframe) {
         mistakes.push((given["inertia_x_kg_m2"].span(), format!("airframe: {why}")));
@@ -302,12 +307,12 @@ mod tests {
             ("[airframe\n", "line 1, `[airframe`: "),
             (&believes("mass_kg = \"light\""), "line 25, `mass_kg = \"light\"`: invalid type: string \"light\", expected a number"),
             (&believes("mass_kg = 50"), "line 25: model: mass_kg = 50 is out of range"),
-            (&format!("{paper}[modle]\n"), "line 23, `[modle]`: unknown field `modle`, expected one of"),
+            (&format!("{paper}[modle]\n"), "line 23, `[modle]`: unknown key `modle`, expected one of"),
             (&format!("airframe = 3\n{rotor}"), "line 1, `airframe = 3`: invalid type: integer `3`, expected a section"),
             ("rotor = 3\n[airframe]\n", "line 1, `rotor = 3`: invalid type: integer `3`, expected a section: [rotor]"),
-            (&format!("{rotor}idle = 4\n[airframe]\n"), "line 4, `idle = 4`: unknown field `idle`, expected `min_rad_s` or `max_rad_s`"),
-            ("[airframe]\n[rotor]\nmin_rad_s = 3\n", "line 2, `[rotor]`: missing field `max_rad_s`"),
-            (rotor, "line 1, `[rotor]`: missing field `airframe`"),
+            (&format!("{rotor}idle = 4\n[airframe]\n"), "line 4, `idle = 4`: unknown key `idle`, expected `min_rad_s` or `max_rad_s`"),
+            ("[airframe]\n[rotor]\nmin_rad_s = 3\n", "line 2, `[rotor]`: missing key `max_rad_s`"),
+            (rotor, "the section [airframe] is missing"),
         ] {
             let mistakes = read(text).unwrap_err();
             let expected: Vec<&str> = expected.lines().map(str::trim_start).collect();

@@ -10,7 +10,7 @@ use controller::{Limits, TheoremMonitor, motor_lag};
 use host::{Machine, cpu_list};
 use messages::blackboards::LOCKSTEP;
 use messages::parameters::{Airframe, Parameter, ParameterError};
-use messages::realtime::{LONGEST_LEAD_NS, LOOP_CPUS, LeadSetting, RealtimeMode, RealtimeSettings};
+use messages::realtime::{LONGEST_LEAD_NS, LeadSetting, RealtimeMode, RealtimeSettings};
 use messages::role::{Channel, MOST_CHANNELS, Replica, Role};
 use messages::telemetry::{LAW_ROLES, Signals};
 use plant::command_hold::waiting_ticks;
@@ -326,13 +326,6 @@ impl Settings {
             lead,
             rehearse: self.rt.rehearse,
         };
-        if !LOOP_CPUS.contains(&settings.loop_cpus) {
-            return Err(Failure::usage(format!(
-                "rt.loop_cpus = {}: allowed are 1, 2 and 4",
-                settings.loop_cpus
-            ))
-            .help("1 suits every machine; `ironbird doctor` says what this one has"));
-        }
         self.check_channels(&settings)?;
         Ok(match self.flight.pace {
             // In slow motion nothing is gained by an early wake-up.

@@ -101,7 +101,7 @@ section! { "flight" "The flight."
                 ("lockstep", "the chain itself: the next tick begins when the rotor command has arrived; not real-time"),
             ]),
             flag Flag::new("--pace", "PACE", Group::RealTime);
-        /// Slow motion: each tick takes this many periods of real time. The sample time does not change.
+        /// Slow motion: each tick takes this many periods of real time, up to 1 s. The sample time does not change.
         slowdown: u64 = "1", in Allowed::Range(1.0, 1000.0);
         /// Seed of sensor noise, gusts and random faults.
         seed: u64 = "1",
@@ -196,6 +196,7 @@ section! { "rt" "Real-time execution and redundant channels."
         /// shorter loop for more CPU time. `ironbird doctor` flies each number and recommends one. Lockstep and slow motion
         /// ignore it.
         loop_cpus: usize = "1",
+            in Allowed::Counts(&[1, 2, 4]),
             flag Flag::new("--loop-cpus", "N", Group::RealTime);
         /// Redundant control channels.
         ///

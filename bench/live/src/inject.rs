@@ -188,7 +188,9 @@ pub fn ask(instance: &Instance, desired: &[Desired], when: When) -> Result<Appli
     let changes = targets.iter().map(|it| (it.parameter, it.value, it.steps));
     let changes: Vec<_> = changes.collect();
     let order = SwapOrder::new(instant.at_tick, instant.in_ticks, &changes);
-    let wait = Duration::from_nanos(instant.wait_ticks.saturating_mul(run.period_ns));
+    // In lockstep, ticks take less time than on the clock.
+    let tick_ns = run.period_ns.max(run.sample_time_ns);
+    let wait = Duration::from_nanos(instant.wait_ticks.saturating_mul(tick_ns));
     let answer = wire.client::<SwapOrder>()?.request(order, TIMEOUT + wait)?;
     check_applied(&answer)?;
     let change = |(target, old): (&Target, f64)| content::Change {

@@ -141,14 +141,14 @@ impl Request {
                 "after {after:?}: a page may wait at most {LATEST:?}"
             ));
         }
-        let run_id = match after.is_zero() {
-            true => None,
-            false => {
-                let flight = flight(instance).map_err(|e| e.to_string())?;
-                Some(flight.ok_or("no flight is running")?.1.run_id)
-            }
-        };
-        sleep(after);
+        let mut run_id = None;
+        if !after.is_zero() {
+            let flight = flight(instance).map_err(|e| e.to_string())?;
+            let (_, run) = flight.ok_or("no flight is running")?;
+            run_id = Some(run.run_id);
+            // The time is flight time, which may pass slower than the clock.
+            sleep(after.saturating_mul(run.slowdown()));
+        }
         let _turn = turn.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(run_id) = run_id {
             still_flying(instance, run_id).map_err(|e| e.to_string())?;

@@ -54,7 +54,7 @@ pub struct PerfettoWriter<W> {
 const MOST_WAITING: usize = 10_000;
 
 impl<W: Write> PerfettoWriter<W> {
-    /// Starts a trace; `faults` are their begins and ends, by tick. The log may lack their ticks, which `pace` then places.
+    /// Starts a trace; `faults` are their begins and ends, by tick. `pace` gives the time of ticks that the log lacks.
     pub fn new(out: W, mut faults: Vec<(u64, String)>, pace: Option<Pace>) -> io::Result<Self> {
         faults.sort_by_key(|(tick, _)| Reverse(*tick));
         let mut writer = Self {

@@ -97,7 +97,8 @@ pub fn run(
     statistics.begin_autopsy(host.counters.processor.is_some(), leads_ns);
     // The counters before the first tick.
     host.sample(&roles, Channel::A, &mut statistics, false)?;
-    let (run, sections) = (armed.run.get(), roles.sections());
+    let run = armed.run.get();
+    let sections = roles.sections(run.t0_ns);
     let logs = metadata_of_logs(&run, settings, instance.name(), &host.host, &sections)?;
     let monitor = FlightMonitor::new(settings.theorem()?);
     let (arrangement, waits_ticks) = (settings.arrangement(), settings.waiting_ticks());

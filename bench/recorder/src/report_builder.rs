@@ -108,7 +108,7 @@ impl<'a> ReportBuilder<'a> {
             targets_left_out: Some(statistics.targets.left_out).filter(|it| *it > 0),
             faults,
             series: statistics.series.statistics(),
-            roles: recorded.roles.sections(),
+            roles: recorded.roles.sections(run.t0_ns),
             lead: statistics.lead(&run.lead, mixer.rehearsals),
             recorder: self.recorder_section(recorded, run),
             host: host.host.clone(),

@@ -49,11 +49,16 @@ impl RoleStatuses {
         STAGES.map(|role| status(role).unwrap_or_default())
     }
 
-    /// Each process's section of the report, by name.
-    pub fn sections(&self) -> BTreeMap<String, RoleSection> {
-        self.0
-            .iter()
-            .map(|(replica, board)| (replica.to_string(), role_section(&board.get())))
-            .collect()
+    /// Each process's section of the report, by name, in a flight whose first tick began at `t0_ns`.
+    pub fn sections(&self, t0_ns: u64) -> BTreeMap<String, RoleSection> {
+        let section = |(replica, board): (&Replica, &BlackboardReader<Status>)| {
+            let status = board.get();
+            let section = RoleSection {
+                is_successor: status.epoch > t0_ns,
+                ..role_section(&status)
+            };
+            (replica.to_string(), section)
+        };
+        self.0.iter().map(section).collect()
     }
 }

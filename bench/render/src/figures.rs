@@ -326,9 +326,8 @@ impl<'a> Figures<'a> {
         Figure::new(name, title, keys, chart)
     }
 
-    /// The faults that were not called off before they began.
-    fn acting(&self) -> impl Iterator<Item = &InjectedFault> {
-        self.faults.iter().filter(|fault| !fault.is_cancelled())
+    pub(crate) fn acting(&self) -> impl Iterator<Item = &InjectedFault> {
+        self.faults.iter().filter(|fault| fault.acted())
     }
 
     /// A chart over the whole flight, with its swaps, faults, handovers and missed deadlines below what it shows.

@@ -5,7 +5,7 @@ use crate::figures::Figures;
 use crate::sentences::{self, count, name_of};
 use crate::{latencies, outages, theorem};
 use analysis::baseline::Baseline;
-use analysis::faults::{ProcessFailure, RecoveryPhases};
+use analysis::faults::{InjectedFault, ProcessFailure, RecoveryPhases};
 use analysis::host::{ContainerSection, InterruptCount, InterruptKind};
 use analysis::laws::in_order;
 use analysis::phrase::{list, surrounded};
@@ -721,9 +721,9 @@ fn tracking(report: &Report) -> Vec<Block> {
 
 /// The legend of vertical lines in charts.
 pub(crate) fn marks(report: &Report) -> Block {
-    let swap = match report.faults.is_empty() {
-        true => "parameter change",
-        false => "parameter change, fault",
+    let swap = match report.faults.iter().any(InjectedFault::acted) {
+        false => "parameter change",
+        true => "parameter change, fault",
     };
     let legend = [
         ("mark swap", swap),

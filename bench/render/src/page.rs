@@ -80,7 +80,7 @@ fn heading(report: &Report) -> String {
     }
     let changed = report.swaps.iter().flat_map(|swap| &swap.changes);
     let changed = changed.map(|it| format!("{} {}", it.name, it.new));
-    let injected = report.faults.iter().filter(|it| !it.is_cancelled());
+    let injected = report.faults.iter().filter(|it| it.acted());
     let injected = injected.map(|fault| fault.what.clone());
     let faults: Vec<String> = injected.chain(changed).collect();
     for fault in faults.iter().take(FAULTS) {

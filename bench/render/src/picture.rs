@@ -33,9 +33,9 @@ pub fn render(figures: &Figures<'_>, title: &str) -> String {
         };
         place(1, title, figure.chart)
     }));
-    let swap = match figures.faults.is_empty() {
-        true => "parameter change",
-        false => "parameter change, fault",
+    let swap = match figures.acting().next() {
+        None => "parameter change",
+        Some(_) => "parameter change, fault",
     };
     let [flown, reference] = match has_estimates {
         true => ["flown, estimated", "reference, true"],

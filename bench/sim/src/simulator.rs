@@ -452,9 +452,9 @@ impl Faulted {
         if self.works(Role::Outer, tick) {
             self.outer_state.settle(tick);
             let state = self.outer_state.stamped();
+            let late = self.lateness(Role::Outer, tick);
             if rig.outer.tick_into(tick, &state, &mut rig.setpoint.content) {
                 rig.setpoint.tick = tick;
-                let late = self.lateness(Role::Outer, tick);
                 self.inner_setpoint
                     .arrive_late(&message(&rig.setpoint), late.output);
             }

@@ -269,7 +269,7 @@ impl FaultInjector {
                 // A late stop lasts as long as one at its tick.
                 let from_ns = grid.begin_of(tick.max(grid.tick_at(now_ns())));
                 // The time is flight time, which may pass slower than the clock.
-                let slowdown = run.period_ns / run.sample_time_ns.max(1);
+                let slowdown = u64::from(run.slowdown());
                 let until_ns = from_ns.saturating_add(for_ns.saturating_mul(slowdown));
                 self.due
                     .extend(pids.iter().map(|pid| (until_ns, Action::Continue(*pid))));

@@ -648,10 +648,12 @@ impl FlightSupervisor {
         let Some(statuses) = &self.role_statuses else {
             return;
         };
-        let hanging = self
-            .hang_detector
-            .get_or_insert_with(|| HangDetector::new(Duration::from_nanos(run.period_ns)))
-            .hanging(|| statuses.statuses(), since, Look::at);
+        let detector = || HangDetector::new(Duration::from_nanos(run.period_ns), run.slowdown());
+        let hanging = self.hang_detector.get_or_insert_with(detector).hanging(
+            || statuses.statuses(),
+            since,
+            Look::at,
+        );
         for process in &mut self.children {
             let (replica, pid) = (process.replica, process.child.id());
             let restart = &self.restart_limits[&replica];

@@ -33,6 +33,7 @@ const RECORDER_TIMEOUT: Duration = Duration::from_secs(10);
 #[derive(Debug)]
 pub(super) struct HangDetector {
     timeout: Duration,
+    plant_timeout: Duration,
     counters: BTreeMap<Replica, Counter>,
 }
 
@@ -57,10 +58,11 @@ fn count(role: Role, status: &Status) -> Option<(u64, u64)> {
 }
 
 impl HangDetector {
-    /// `tick` is the wall time of a tick.
-    pub(super) fn new(tick: Duration) -> Self {
+    /// `tick` is the wall time of a tick. In slow motion, a fault lasts `slowdown` times as long, so the limits do, too.
+    pub(super) fn new(tick: Duration, slowdown: u32) -> Self {
         Self {
-            timeout: HANG_TIMEOUT.max(tick * TICKS),
+            timeout: HANG_TIMEOUT.saturating_mul(slowdown).max(tick * TICKS),
+            plant_timeout: PLANT_TIMEOUT.saturating_mul(slowdown),
             counters: BTreeMap::new(),
         }
     }
@@ -107,7 +109,7 @@ impl HangDetector {
     fn timeout(&self, role: Role) -> Duration {
         match role {
             Role::Record => RECORDER_TIMEOUT,
-            Role::Plant => self.timeout.max(PLANT_TIMEOUT),
+            Role::Plant => self.timeout.max(self.plant_timeout),
             _ => self.timeout,
         }
     }
@@ -159,7 +161,7 @@ mod tests {
         since: Duration,
         looks: u32,
     ) -> Vec<Replica> {
-        let mut detector = HangDetector::new(Duration::from_millis(1));
+        let mut detector = HangDetector::new(Duration::from_millis(1), 1);
         let mut hanging = Vec::new();
         for look in 0..looks {
             let status = |advances| flying(if advances { u64::from(look) } else { 7 });
@@ -215,7 +217,7 @@ mod tests {
             ('R', 0.1, None),
             ('D', 0.0, None),
         ] {
-            let mut detector = HangDetector::new(Duration::from_millis(1));
+            let mut detector = HangDetector::new(Duration::from_millis(1), 1);
             let looks = (0..1100).find(|&ticks| {
                 // Its newest tick advances, and its rounds do not.
                 let mut statuses = of_stages([flying(ticks); 4]);
@@ -238,7 +240,7 @@ mod tests {
             ticks_skipped: u64::MAX,
             ..flying(u64::MAX)
         };
-        let mut detector = HangDetector::new(Duration::from_millis(1));
+        let mut detector = HangDetector::new(Duration::from_millis(1), 1);
         let hanging = detector.hanging(|| of_stages([forged; 4]), MS_10, |_| None);
         assert_eq!(hanging, []);
     }
@@ -246,13 +248,15 @@ mod tests {
     #[test]
     fn the_timeout_is_five_long_ticks_and_neither_a_dying_process_nor_one_that_counts_again_hangs()
     {
-        for (tick_ms, is_dying, counts, expected) in [
-            (1, false, false, Some(8)),
-            (100, false, false, Some(50)),
-            (1, true, false, None),
-            (1, false, true, None),
+        for (tick_ms, slowdown, is_dying, counts, expected) in [
+            (1, 1, false, false, Some(8)),
+            (100, 1, false, false, Some(50)),
+            // In slow motion a stop lasts longer, too.
+            (8, 8, false, false, Some(64)),
+            (1, 1, true, false, None),
+            (1, 1, false, true, None),
         ] {
-            let mut detector = HangDetector::new(Duration::from_millis(tick_ms));
+            let mut detector = HangDetector::new(Duration::from_millis(tick_ms), slowdown);
             let look = Look {
                 state: 'D',
                 ran_ns: 0,

@@ -16,6 +16,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
+import numpy as np
+
 from ironbird._rig import SettingsError
 
 Value: TypeAlias = str | float | os.PathLike[str]
@@ -137,6 +139,7 @@ def _error(done: subprocess.CompletedProcess[str]) -> str:
 def arguments(flags: Mapping[str, Flag]) -> Iterator[str]:
     """Keywords as flags, in their order: `max_miss_rate=100` is `--max-miss-rate 100`."""
     for name, value in flags.items():
+        value = _plain(value)
         flag = "--" + name.rstrip("_").replace("_", "-")
         if isinstance(value, Mapping):
             yield from (f"{flag}={key}={text}" for key, text in _settings(value))
@@ -146,8 +149,8 @@ def arguments(flags: Mapping[str, Flag]) -> Iterator[str]:
             yield flag
         elif value is None or value is False:
             continue
-        elif isinstance(value, str | int | float | os.PathLike):
-            yield f"{flag}={os.fspath(value) if isinstance(value, os.PathLike) else value}"
+        elif isinstance(value, str | int | float):
+            yield f"{flag}={value}"
         elif isinstance(value, Iterable):
             yield from (argument for one in value for argument in arguments({name: one}))
         else:
@@ -162,4 +165,12 @@ def _settings(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, 
         if isinstance(value, Mapping):
             yield from _settings(value, f"{path}{key}.")
         else:
+            value = _plain(value)
             yield f"{path}{key}", value if isinstance(value, str) else json.dumps(value)
+
+
+def _plain(value: Any) -> Any:
+    """A number or array of NumPy as Python's own, and a path as a text."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return os.fspath(value) if isinstance(value, os.PathLike) else value

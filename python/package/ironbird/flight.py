@@ -250,7 +250,10 @@ class Flight:
         words: Mapping[str, Mapping[str, str]] = self.report.get("words", {})
         if not words:
             recent_s = min(5.0, float(self.t[-1])) if len(self.t) else 0.0
-            error_m = self.position_error_m[self.t >= self.t[-1] - recent_s].max() if len(self.t) else np.nan
+            recent_m = self.position_error_m[self.t >= self.t[-1] - recent_s] if len(self.t) else np.empty(0)
+            # A tick whose state was lost has no error.
+            known_m = recent_m[np.isfinite(recent_m)]
+            error_m = known_m.max() if known_m.size else np.nan
             return {"flight": f"{self.end}; position error up to {error_m:.4f} m in the last {recent_s:.1f} s"}
         verdicts = {name: f"{it['word'].replace('_', ' ')}: {it['why']}" for name, it in words.items()}
         last = "\n".join(self.report["run"]["last_words"])

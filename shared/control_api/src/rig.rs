@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use ironbird_law::Refused;
 use messages::limits::RotorLimits;
 use messages::parameters::{Airframe, Parameter, shown};
+use messages::topic::THRUST_N;
 
 /// Periods with which a law can fly [s].
 pub const PERIODS_S: RangeInclusive<f64> = 1e-4..=2e-2;
@@ -73,6 +74,12 @@ impl Rig {
         let hover_n = airframe.m() * airframe.g();
         let min_n = 4.0 * self.rotor.f_min(airframe.k());
         let max_n = 4.0 * self.rotor.f_max(airframe.k());
+        if max_n > THRUST_N {
+            return Err(Refused(format!(
+                "the rotors give up to {max_n:.0} N: allowed are {THRUST_N} N, which a message may have; lower \
+                 rotor.max_rad_s"
+            )));
+        }
         if min_n < hover_n && hover_n < max_n {
             return Ok(());
         }

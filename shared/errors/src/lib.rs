@@ -242,6 +242,9 @@ pub fn toml_mistake(text: &str, message: &str, span: Option<Range<usize>>) -> St
     let line = line_of(text, span.unwrap_or_default().start);
     let source = text.lines().nth(line - 1).unwrap_or_default().trim();
     let what = of_toml(message).trim_end().replace('\n', ", ");
+    let what = what
+        .replace("unknown field", "unknown key")
+        .replace("missing field", "missing key");
     match source.len() {
         1..=LONGEST => format!("line {line}, `{source}`: {what}"),
         _ => format!("line {line}: {what}"),

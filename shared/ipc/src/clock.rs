@@ -38,8 +38,8 @@ pub fn sleep_through(instant_ns: u64) -> u64 {
     }
 }
 
-/// Keeps the processor busy for a time [ns]. Sleeps for an instant if this thread has not done so here for 250 ms: the
-/// kernel ends a thread that runs longer than RLIMIT_RTTIME without blocking, as one does that is late in every tick.
+/// Keeps the processor busy for a time [ns]. Blocks for an instant every 250 ms, counted across calls, so that
+/// RLIMIT_RTTIME does not end a thread that calls this in every tick.
 pub fn busy_wait(ns: u64) {
     const AT_ONCE_NS: u64 = 250_000_000;
     const INSTANT_NS: u64 = 1_000;

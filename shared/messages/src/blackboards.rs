@@ -127,7 +127,13 @@ impl Run {
 
     /// Time of the flight at which a tick begins [s].
     pub fn flight_time_s(&self, tick: u64) -> f64 {
-        (tick * self.sample_time_ns) as f64 / 1e9
+        tick.saturating_mul(self.sample_time_ns) as f64 / 1e9
+    }
+
+    /// How many times as long as the flight's time the clock's is; 1 in lockstep.
+    pub fn slowdown(&self) -> u32 {
+        let times = self.period_ns / self.sample_time_ns.max(1);
+        u32::try_from(times.max(1)).unwrap_or(u32::MAX)
     }
 
     /// Why it ended; a number that is none counts as a failure.

@@ -106,10 +106,10 @@ layout! {
         /// Upper bound that the theorem gives for them since then, on the exact model; updated every tenth of a second.
         pub estimate_error_bound: [f64; 3],
 
-        /// Smallest eigenvalue of the Gramian of X over the last whole 10 s, scaled by Gamma: e-folds of the error. This
+        /// Smallest eigenvalue of the Gramian of X over the last window of at most 10 s, scaled by Gamma: e-folds of the error. This
         /// and the values derived from it are updated every tenth of a second.
         pub excitation: f64,
-        /// The least of all 10 s so far.
+        /// The least of all windows so far.
         pub excitation_least: f64,
         /// Per parameter, what of that Gramian no other parameter explains: e-folds of its error.
         pub identifiability: [f64; 3],

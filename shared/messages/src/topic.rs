@@ -64,7 +64,8 @@ pub trait Topic: Visit + Copy + std::fmt::Debug + Default + 'static {
 // Bounds far outside any flight that ends well: what lies beyond is a broken or forged message.
 pub(crate) const POSITION_M: f64 = 1e5;
 pub(crate) const VELOCITY_M_S: f64 = 1e3;
-pub(crate) const ANGLE_RAD: f64 = 1e4;
+/// Yaw is not wrapped.
+pub(crate) const ANGLE_RAD: f64 = 1e6;
 /// A unit quaternion, with room for rounding.
 pub(crate) const QUATERNION: f64 = 1.001;
 pub(crate) const RATE_RAD_S: f64 = 1e4;
@@ -75,7 +76,7 @@ const REFERENCE_ACCELERATION: f64 = 1e9;
 const REFERENCE_JERK: f64 = 1e12;
 const REFERENCE_SNAP: f64 = 1e15;
 pub(crate) const ROTOR_SPEED_RAD_S: f64 = 1e5;
-pub(crate) const THRUST_N: f64 = 1e4;
+pub const THRUST_N: f64 = 1e4;
 pub(crate) const TORQUE_NM: f64 = 1e5;
 const PARAMETER: f64 = 1e3;
 

@@ -84,7 +84,10 @@ pub(crate) fn go_on_in_child() -> Result<(), Failure> {
         _ if was_interrupted => i32::from(INTERRUPTED),
         _ => {
             let what = "the process that flew the laws ended before its work was done";
-            say(&Failure::failed(format!("{what}: {status}")).text());
+            let failure = Failure::failed(format!("{what}: {status}"));
+            say(&failure
+                .help("`ironbird laws FILE` tries a law by itself")
+                .text());
             i32::from(FAILED)
         }
     };

@@ -23,7 +23,10 @@ use crate::process_exit::end_now;
 /// Signals that kill a process from within.
 const DEADLY: [(i32, &str); 6] = [
     (libc::SIGSEGV, "SIGSEGV: invalid memory access"),
-    (libc::SIGBUS, "SIGBUS: access to memory without content"),
+    (
+        libc::SIGBUS,
+        "SIGBUS: access beyond the end of a mapped file",
+    ),
     (libc::SIGFPE, "SIGFPE: arithmetic exception"),
     (libc::SIGILL, "SIGILL: illegal instruction"),
     (libc::SIGABRT, "SIGABRT: it aborted"),
@@ -50,14 +53,14 @@ pub(crate) fn name_laws() {
         PROCESS.store(process::id(), Ordering::Relaxed);
         for (signal, _) in DEADLY {
             let mut action = MaybeUninit::<libc::sigaction>::zeroed();
-            let handler: extern "C" fn(i32) = name_and_die;
+            let handler: extern "C" fn(i32, *const libc::siginfo_t) = name_and_die;
             // SAFETY: all zeroes are a valid sigaction. The handler reads words that no longer change, and makes system
             // calls that a handler may make.
             unsafe {
                 let action = action.assume_init_mut();
                 action.sa_sigaction = handler as usize;
                 // Where the stack is used up, on the other one that Rust has made.
-                action.sa_flags = libc::SA_ONSTACK;
+                action.sa_flags = libc::SA_ONSTACK | libc::SA_SIGINFO;
                 libc::sigaction(signal, action, ptr::null_mut());
             }
         }
@@ -85,9 +88,16 @@ pub(crate) fn name_laws() {
 /// Threads in which a law may call exit() at once.
 const EXITS: usize = 32;
 
-extern "C" fn name_and_die(signal: i32) {
+extern "C" fn name_and_die(signal: i32, info: *const libc::siginfo_t) {
     let meaning = DEADLY.iter().find(|(number, _)| *number == signal);
-    if !name_law(meaning.map_or("a signal", |it| it.1)) && signal == libc::SIGXCPU {
+    let meaning = meaning.map_or("", |(_, meaning)| *meaning);
+    // SAFETY: the system hands over a siginfo that lives as long as the handler runs.
+    let is_sent = unsafe { (*info).si_code } <= 0 && signal != libc::SIGABRT;
+    let meaning = match meaning.split_once(':') {
+        Some((name, _)) if is_sent => name,
+        _ => meaning,
+    };
+    if !name_law(meaning) && signal == libc::SIGXCPU {
         return;
     }
     // SAFETY: both calls are allowed here; the signal is delivered, with its default action, as this handler returns.

@@ -176,7 +176,10 @@ fn kind(it: &IronbirdSetting) -> Result<Kind, String> {
 fn preset(it: &IronbirdPreset, settings: usize) -> Result<(String, Vec<PresetValue>), String> {
     let name = snake_case(it.name, "name")?;
     let values = array(it.values, settings as u64, IRONBIRD_MOST_SETTINGS, "values")?;
-    Ok((name, values.iter().map(|it| (it.number, it.word)).collect()))
+    // A setting of another kind does not use all of them, and NaN is no JSON.
+    let finite = |number: f64| if number.is_finite() { number } else { 0.0 };
+    let values = values.iter().map(|it| (it.number.map(finite), it.word));
+    Ok((name, values.collect()))
 }
 
 fn signal(it: &IronbirdSignal) -> Result<[String; 2], String> {

@@ -1,6 +1,5 @@
 //! `ironbird fly`: checks the settings, has the flight supervised, completes and prints its report.
 
-use std::fs;
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
 use std::thread::sleep;
@@ -17,7 +16,7 @@ use analysis::schema::{FlightVerdict, Report};
 use config::law_settings::Chosen;
 use config::{PaceName, Settings, overrides};
 use errors::output::{print, say};
-use errors::{Failure, INTERRUPTED, InFile as _, OK, check_outputs, open_file};
+use errors::{Failure, INTERRUPTED, OK, check_outputs, open_file};
 use host::cpu_times::hostname;
 use host::own_executable;
 use recorder::kernel_trace;
@@ -48,25 +47,25 @@ pub(super) fn with_junit<T>(
     others: &[Option<&Path>],
     run: impl FnOnce() -> Result<T, Failure>,
 ) -> Result<T, Failure> {
-    // No file that a flag names as an input is removed: these have not been read yet.
+    let Some(path) = junit.filter(|path| !others.contains(&Some(path))) else {
+        return run();
+    };
+    // No file that a flag names as an input is replaced: these have not been read yet.
     let flags = flight.overrides();
     let named = flags.iter().filter_map(|(_, value)| value.as_str());
     let inputs = named.map(Path::new).chain(flight.course.config.as_deref());
     inputs.for_each(|input| drop(open_file(input)));
     check_outputs(&[("--junit", junit)])?;
-    // The result of an earlier flight is none of this one, however its process ends: a law may end it as it is loaded.
-    if let Some(earlier) = junit.filter(|path| path.is_file()) {
-        fs::remove_file(earlier).in_file("replace", earlier)?;
+    let write = |failure: &Failure| junit::write_failure(suite, failure, &hostname(), path);
+    // The result of an earlier flight is none of this one, and a law may end the process.
+    if path.is_file() || !path.exists() {
+        write(&Failure::failed(
+            "the process ended before its flight was over",
+        ))?;
     }
-    run().map_err(|failure| {
-        let junit = junit.filter(|path| !others.contains(&Some(path)));
-        let written = junit.map_or(Ok(()), |path| {
-            junit::write_failure(suite, &failure, &hostname(), path)
-        });
-        match written {
-            Ok(()) => failure,
-            Err(unwritten) => failure.append(&format!("; {unwritten}")),
-        }
+    run().map_err(|failure| match write(&failure) {
+        Ok(()) => failure,
+        Err(unwritten) => failure.append(&format!("; {unwritten}")),
     })
 }
 

@@ -46,9 +46,10 @@ impl Phases {
             let phases = count(u64::from(phases), "phase");
             let Some(duration_s) = duration_s else {
                 let what =
-                    format!("the {span_s} s that faults are spread over have no room for {phases}");
+                    format!("{phases} do not fit into the {span_s} s over which faults are spread");
+                let most = (span_s / period_s).floor();
                 let help =
-                    format!("ask for fewer: --phases takes one a tick of {period_s} s at most");
+                    format!("use at most --phases {most}: one for each tick of {period_s} s");
                 return Err(Failure::usage(what).help(help));
             };
             return Err(Failure::usage(format!(
@@ -121,7 +122,7 @@ pub fn bounds(given: &[(BoundName, f64)], settings: &Settings) -> Result<Bounds,
             ),
             false => (
                 format!(
-                    "--gate survival_max_s={survival_s}: it is below recovery_max_s, {recovery_s}"
+                    "--gate survival_max_s={survival_s}: allowed are recovery_max_s, {recovery_s}, to {SURVIVAL_MAX_S}"
                 ),
                 "recovery_max_s",
             ),

@@ -46,7 +46,7 @@ const LOWEST_RAD_S: f64 = 2.0;
 const FREQUENCIES: i32 = 300;
 
 pub fn predicted(settings: &Settings, stop: &AtomicBool) -> Result<Prediction, Failure> {
-    // A program does not answer twice alike, so the difference of two flights with one means nothing.
+    // An external program is not deterministic, so the difference of two flights with one means nothing.
     if firmware::is_program(settings.laws()?[1].name) {
         return Ok(Prediction::default());
     }

@@ -737,7 +737,10 @@ fn refused_file(request: &[u8; 251]) -> [u8; 251] {
 /// Whether a fault that was injected is known to have ended, as where `ironbird inject` has ended it.
 fn has_ended(what: &str, flight: &WatchedFlight) -> bool {
     let input = |fault: &str| fault.split('=').next().map(str::to_owned);
-    let is_like = |it: &&InjectedFault| it.what.split(',').any(|it| input(it) == input(what));
+    let is_like = |it: &&InjectedFault| {
+        let mut parts = it.what.split(',');
+        !it.what.ends_with("=off") && parts.any(|it| input(it) == input(what))
+    };
     let newest = flight
         .injected
         .iter()

@@ -498,6 +498,7 @@ fn failures_begin_and_end_by_the_answers_of_the_plant() {
     three.flight().injected = vec![
         fault("outer.state.lag=20", Some(now)),
         fault("outer.state.drop=0.2", Some(now + 1)),
+        fault("outer.state.lag=off", None),
     ];
     three.text += "`ironbird inject` ends outer.state.lag=20\n";
     three.fail(0);

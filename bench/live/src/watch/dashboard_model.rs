@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use messages::blackboards::{ActiveParameters, EndReason, LOCKSTEP, Run, Status, Supervision};
 use messages::channels::Redundancy;
-use messages::content::{Mode, RotorSpeeds, Setpoint, State, TakenCommand, Wrench};
+use messages::content::{Mode, NO_TICK, RotorSpeeds, Setpoint, State, TakenCommand, Wrench};
 use messages::header::Message;
 use messages::monitor::Monitor;
 use messages::parameters::{Airframe, Parameter, SPECS};
@@ -525,7 +525,7 @@ impl WatchedFlight {
 
     fn faults(&self) -> impl Iterator<Item = &InjectedFault> {
         let all = self.planned.iter().chain(&self.injected);
-        all.filter(|fault| !fault.is_cancelled() && !fault.what.ends_with("=off"))
+        all.filter(|fault| fault.acted())
     }
 
     /// Faults that act now, and how long they still will [s]; none if they have no end.
@@ -546,7 +546,7 @@ impl WatchedFlight {
     pub fn events(&self, handovers: usize) -> Vec<Event> {
         let mut events = Vec::new();
         let mut add = |tick: u64, kind: &'static str, text: String| {
-            if tick <= self.run.tick {
+            if self.run.tick != NO_TICK && tick <= self.run.tick {
                 events.push(Event { tick, kind, text });
             }
         };

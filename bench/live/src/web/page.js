@@ -234,7 +234,7 @@ const showNews = (it) => {
   showMarks(it.events);
   showParameters(it.parameters);
   byId("acting").replaceChildren(...it.faults.map(([what, rest]) => make("button", {
-    type: "button", onclick: () => inject(`${what.split("=")[0]}=off`),
+    type: "button", onclick: () => inject(what.split(",").map((part) => `${part.split("=")[0]}=off`).join(",")),
     disabled: isOver, title: "ends the fault",
   }, `end ${what}${rest === null ? "" : ` (${rest.toFixed(1)} s more)`}`)));
 };
@@ -319,7 +319,8 @@ const makeParameters = () => {
   byId("parameters").replaceChildren(...flight.parameters.map((it) => {
     const isLog = it.min > 0 && it.max / it.min >= 50;
     const toPlace = (value) => 1000 * (isLog ? Math.log(value / it.min) / Math.log(it.max / it.min) : (value - it.min) / (it.max - it.min));
-    const toValue = (place) => Number((isLog ? it.min * (it.max / it.min) ** (place / 1000) : it.min + (it.max - it.min) * place / 1000).toPrecision(3));
+    const atPlace = (place) => (isLog ? it.min * (it.max / it.min) ** (place / 1000) : it.min + (it.max - it.min) * place / 1000);
+    const toValue = (place) => Math.min(it.max, Math.max(it.min, Number(atPlace(place).toPrecision(3))));
     const id = `parameter-${it.name}`, disabled = !allowsControl;
     const slider = make("input", { type: "range", id, min: 0, max: 1000, step: 1, disabled });
     const exact = make("input", { type: "text", inputMode: "decimal", disabled });
