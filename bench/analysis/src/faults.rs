@@ -112,7 +112,7 @@ impl InjectedFault {
 
     /// Whether it did something: it began, and does not only end another one.
     pub fn acted(&self) -> bool {
-        !self.is_cancelled() && !self.what.ends_with("=off")
+        !self.is_cancelled() && self.what.split(',').any(|it| !it.ends_with("=off"))
     }
 
     /// Whether another fault ended it before it began.

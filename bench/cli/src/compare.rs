@@ -137,8 +137,12 @@ fn fly_table(
             .map_err(|e| Failure::usage(format!("set: {e}{of_row_in}")))?;
         let given = [&of_all[..], overrides, &of_row].concat();
         if let Some(faults) = overrides::value_of(&given, FAULTS) {
+            let place = match overrides::value_of(&of_row, FAULTS) {
+                Some(_) => &of_row_in,
+                None => "",
+            };
             let what =
-                format!("{FAULTS} = {faults}: each row of a table has its own faults{of_row_in}");
+                format!("{FAULTS} = {faults}: each row of a table has its own faults{place}");
             let help = "leave it out, or write a table with these faults";
             return Err(Failure::usage(what).help(help));
         }

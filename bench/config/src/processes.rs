@@ -347,6 +347,36 @@ impl Settings {
         })
     }
 
+    /// Refuses slow motion with ticks so long that processes do not see the end of the flight in time, or with a firmware.
+    pub fn check_slow_motion(&self) -> Result<(), Failure> {
+        const LONGEST_TICK_S: f64 = 1.0;
+        let slowdown = self.flight.slowdown;
+        if slowdown == 1 || self.flight.pace == PaceName::Lockstep {
+            return Ok(());
+        }
+        let tick_s = self.flight.period_s * slowdown as f64;
+        if tick_s > LONGEST_TICK_S {
+            return Err(Failure::usage(format!(
+                "flight.slowdown = {slowdown}: a tick would take {tick_s} s, allowed are up to {LONGEST_TICK_S} s"
+            ))
+            .help("processes look for the end of the flight once a tick; lower flight.slowdown"));
+        }
+        let of_channels = self
+            .channel
+            .keys()
+            .map(|channel| self.of_channel(*channel).laws());
+        for laws in std::iter::once(self.laws()).chain(of_channels) {
+            let inner = laws?[1].name;
+            if firmware::is_program(inner) {
+                return Err(Failure::usage(format!(
+                    "flight.slowdown = {slowdown}: slow motion is not supported with a firmware, and `{inner}` is one"
+                ))
+                .help("leave it out"));
+            }
+        }
+        Ok(())
+    }
+
     fn check_channels(&self, settings: &RealtimeSettings) -> Result<(), Failure> {
         let channels = settings.channels;
         let loop_cpus = settings.loop_cpus;

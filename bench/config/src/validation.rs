@@ -21,8 +21,6 @@ use super::settings::Settings;
 
 /// Longest flight [s]: 30 days. At 1 kHz, MCAP's sequence numbers of 32 bits would start over after 49.
 const LONGEST_S: f64 = 30.0 * 86_400.0;
-/// Longest tick in slow motion [s].
-const LONGEST_TICK_S: f64 = 1.0;
 
 fn number(value: &Value) -> Option<f64> {
     value.as_float().or(value.as_integer().map(|it| it as f64))
@@ -176,22 +174,6 @@ impl Settings {
         Rig::check_period(flight.period_s).map_err(refused)?;
         let (period_s, duration_s) = (flight.period_s, flight.duration_s);
         within("flight.duration_s", duration_s, period_s, LONGEST_S)?;
-        let tick_s = period_s * flight.slowdown as f64;
-        if tick_s > LONGEST_TICK_S {
-            return Err(Failure::usage(format!(
-                "flight.slowdown = {}: a tick would take {tick_s} s, allowed are up to {LONGEST_TICK_S} s",
-                flight.slowdown
-            ))
-            .help("processes look for the end of the flight once a tick; lower flight.slowdown"));
-        }
-        let inner = self.laws()?[1].name;
-        if flight.slowdown > 1 && firmware::is_program(inner) {
-            return Err(Failure::usage(format!(
-                "flight.slowdown = {}: `{inner}` has a clock of its own, which would run too fast",
-                flight.slowdown
-            ))
-            .help("leave it out"));
-        }
         if self.recorder.log_files == 1 {
             return Err(Failure::usage(
                 "recorder.log_files = 1 is out of range: allowed are 0, for all, and 2 or more",

@@ -112,6 +112,8 @@ fn details(report: &Report) -> Vec<String> {
         }
     }));
     all.extend(floors(report));
+    // What was refused may be the cause of outages.
+    all.extend(refusals(report));
     all.extend(outages(report));
     let attitude = match report.flight.errors() {
         [_, Some(yaw), Some(tilt)] => format!(
@@ -122,8 +124,7 @@ fn details(report: &Report) -> Vec<String> {
     };
     let position = shared::errors(&report.flight).into_iter().next();
     all.extend(position.map(|it| format!("Tracking  {it}{attitude}")));
-    all.extend(refusals(report));
-    // How to measure can wait: what is refused matters more, and there is room for little.
+    // How to measure can wait, as there is room for little.
     let margin = report.margin.as_ref();
     let is_known = margin.is_some_and(|it| it.unknown.is_none());
     let margin = shared::margin(report).map(|margin| format!("Margin    {margin}"));

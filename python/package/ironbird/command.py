@@ -85,7 +85,7 @@ def run(*command: str | os.PathLike[str], **flags: Flag) -> subprocess.Completed
         SettingsError: a flag or a setting is unknown, or not what it may be.
         TypeError: a flag only prints, or its value is of no type that a flag has.
     """
-    for name in PRINTING & {name for name, value in flags.items() if value}:
+    for name in {name for name in PRINTING if flags.get(name)}:
         raise TypeError(f"{name}: this flag prints a text and flies nothing: leave it out, or run `ironbird {command[0]} --{name.replace('_', '-')}`")
     line = [executable(), *(os.fspath(word) for word in command), *arguments(flags)]
     # In a group of its own, so that Ctrl-C reaches it once, from here; it ends with this process.
@@ -166,7 +166,7 @@ def _settings(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, 
             yield from _settings(value, f"{path}{key}.")
         else:
             value = _plain(value)
-            yield f"{path}{key}", value if isinstance(value, str) else json.dumps(value)
+            yield f"{path}{key}", value if isinstance(value, str) else json.dumps(value, default=_plain)
 
 
 def _plain(value: Any) -> Any:

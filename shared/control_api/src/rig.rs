@@ -76,8 +76,7 @@ impl Rig {
         let max_n = 4.0 * self.rotor.f_max(airframe.k());
         if max_n > THRUST_N {
             return Err(Refused(format!(
-                "the rotors give up to {max_n:.0} N: allowed are {THRUST_N} N, which a message may have; lower \
-                 rotor.max_rad_s"
+                "the rotors give more than {THRUST_N} N in all, the most that a message can carry: lower rotor.max_rad_s"
             )));
         }
         if min_n < hover_n && hover_n < max_n {

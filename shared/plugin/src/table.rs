@@ -50,7 +50,7 @@ pub(crate) fn described(
     let settings = each(first, count, IRONBIRD_MOST_SETTINGS, "setting", setting)?;
     unlike(settings.iter().map(|it| &it.0[0]), RIGS_KEYS, "setting")?;
     let (first, count) = (table.presets, table.presets_count);
-    let read = |it: &_| preset(it, settings.len());
+    let read = |it: &_| preset(it, &settings);
     let presets = each(first, count, IRONBIRD_MOST_PRESETS, "preset", read)?;
     unlike(presets.iter().map(|it| &it.0), &[], "preset")?;
     let (first, count) = (table.telemetry, table.telemetry_count);
@@ -173,12 +173,27 @@ fn kind(it: &IronbirdSetting) -> Result<Kind, String> {
     }
 }
 
-fn preset(it: &IronbirdPreset, settings: usize) -> Result<(String, Vec<PresetValue>), String> {
+fn preset(
+    it: &IronbirdPreset,
+    settings: &[([String; 3], Kind)],
+) -> Result<(String, Vec<PresetValue>), String> {
     let name = snake_case(it.name, "name")?;
-    let values = array(it.values, settings as u64, IRONBIRD_MOST_SETTINGS, "values")?;
-    // A setting of another kind does not use all of them, and NaN is no JSON.
-    let finite = |number: f64| if number.is_finite() { number } else { 0.0 };
-    let values = values.iter().map(|it| (it.number.map(finite), it.word));
+    let values = array(
+        it.values,
+        settings.len() as u64,
+        IRONBIRD_MOST_SETTINGS,
+        "values",
+    )?;
+    let values = values.iter().zip(settings).map(|(it, (_, kind))| {
+        // What a setting of its kind does not use may be anything, and NaN is no JSON.
+        let used = match kind {
+            Kind::Number(..) => 1,
+            Kind::Three(..) => 3,
+            Kind::Word(_) => 0,
+        };
+        let number = |i: usize| if i < used { it.number[i] } else { 0.0 };
+        ([0, 1, 2].map(number), it.word)
+    });
     Ok((name, values.collect()))
 }
 

@@ -60,7 +60,7 @@ pub(super) fn with_junit<T>(
     // The result of an earlier flight is none of this one, and a law may end the process.
     if path.is_file() || !path.exists() {
         write(&Failure::failed(
-            "the process ended before its flight was over",
+            "the process ended before it wrote the result of its flight",
         ))?;
     }
     run().map_err(|failure| match write(&failure) {
@@ -106,6 +106,7 @@ fn conduct(args: &FlyArgs) -> Result<Option<(Settings, StopRequests, FinishedFli
     // First, so that what a check makes goes with it.
     let mut requests = StopRequests::listen()?;
     settings.check_cpu()?;
+    settings.check_slow_motion()?;
     settings.check_priorities()?;
     kernel_trace::check(settings.recorder.trace)?;
     if let Some(duration) = args.floor {

@@ -45,8 +45,9 @@ impl Phases {
         if span_s < number * period_s {
             let phases = count(u64::from(phases), "phase");
             let Some(duration_s) = duration_s else {
-                let what =
-                    format!("{phases} do not fit into the {span_s} s over which faults are spread");
+                let what = format!(
+                    "there is no room for {phases} in the {span_s} s over which faults are spread"
+                );
                 let most = (span_s / period_s).floor();
                 let help =
                     format!("use at most --phases {most}: one for each tick of {period_s} s");
@@ -122,7 +123,7 @@ pub fn bounds(given: &[(BoundName, f64)], settings: &Settings) -> Result<Bounds,
             ),
             false => (
                 format!(
-                    "--gate survival_max_s={survival_s}: allowed are recovery_max_s, {recovery_s}, to {SURVIVAL_MAX_S}"
+                    "--gate survival_max_s={survival_s}: allowed are {recovery_s} (recovery_max_s) to {SURVIVAL_MAX_S}"
                 ),
                 "recovery_max_s",
             ),

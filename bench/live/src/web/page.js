@@ -234,7 +234,7 @@ const showNews = (it) => {
   showMarks(it.events);
   showParameters(it.parameters);
   byId("acting").replaceChildren(...it.faults.map(([what, rest]) => make("button", {
-    type: "button", onclick: () => inject(what.split(",").map((part) => `${part.split("=")[0]}=off`).join(",")),
+    type: "button", onclick: () => what.split(",").filter((part) => !part.endsWith("=off")).forEach((part) => inject(`${part.split("=")[0]}=off`)),
     disabled: isOver, title: "ends the fault",
   }, `end ${what}${rest === null ? "" : ` (${rest.toFixed(1)} s more)`}`)));
 };
