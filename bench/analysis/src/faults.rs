@@ -110,7 +110,7 @@ impl InjectedFault {
         self.to_tick.is_none() && self.what.split(',').all(happens_once)
     }
 
-    /// Whether it did something: it began, and does not only end another one.
+    /// True for a fault that began and does more than end others.
     pub fn acted(&self) -> bool {
         !self.is_cancelled() && self.what.split(',').any(|it| !it.ends_with("=off"))
     }

@@ -392,7 +392,7 @@ pub struct RoleSection {
     pub ticks_skipped: u64,
     /// Ticks that it worked with a stale input.
     pub ticks_stale: u64,
-    /// Whether it replaced a process of this flight, whose ticks are not counted here.
+    /// True for a process that replaced one of this flight; the ticks of its predecessor are not counted here.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_successor: bool,
     pub rejected: BTreeMap<String, u64>,

@@ -93,13 +93,11 @@ struct Rotor {
 /// all of its numbers.
 fn read(text: &str) -> Result<Design, Vec<String>> {
     let file: AirframeFile = toml::from_str(text).map_err(|e| {
-        let what = e.message().replace("expected f64", "expected a number");
-        let what = what.replace("expected a map", "expected a section");
         let mut sections = ["airframe", "rotor"].into_iter();
-        let missing = sections.find(|name| what == format!("missing field `{name}`"));
+        let missing = sections.find(|name| e.message() == format!("missing field `{name}`"));
         vec![match missing {
             Some(section) => format!("the section [{section}] is missing"),
-            None => toml_mistake(text, &what, e.span()),
+            None => toml_mistake(text, e.message(), e.span()),
         }]
     })?;
     let mut mistakes = Mistakes::new();

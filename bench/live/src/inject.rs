@@ -92,7 +92,7 @@ impl When {
     pub const NOW: Self = Self::In(Duration::ZERO);
 
     fn of(self, run: &Run) -> Result<Instant, Failure> {
-        let present = if run.tick == NO_TICK { 0 } else { run.tick };
+        let present = run.present_tick();
         let (at_tick, in_ticks, tick) = match self {
             Self::AtTick(tick) => (tick, 0, tick),
             Self::In(after) => {

@@ -129,7 +129,7 @@ pub fn run(
     outcome
 }
 
-/// What is recorded, and how the report is made of it.
+/// The recorder of a flight: its inputs, files and statistics, and the builder of its report.
 pub struct Recorder<'a> {
     pub settings: &'a Settings,
     pub armed: &'a Armed,

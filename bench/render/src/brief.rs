@@ -112,7 +112,7 @@ fn details(report: &Report) -> Vec<String> {
         }
     }));
     all.extend(floors(report));
-    // What was refused may be the cause of outages.
+    // Refused real-time steps may be the cause of outages.
     all.extend(refusals(report));
     all.extend(outages(report));
     let attitude = match report.flight.errors() {

@@ -326,7 +326,7 @@ impl<'a> Figures<'a> {
         Figure::new(name, title, keys, chart)
     }
 
-    pub(crate) fn acting(&self) -> impl Iterator<Item = &InjectedFault> {
+    fn acting(&self) -> impl Iterator<Item = &InjectedFault> {
         self.faults.iter().filter(|fault| fault.acted())
     }
 

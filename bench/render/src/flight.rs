@@ -162,7 +162,7 @@ fn head(report: &Report) -> Vec<Block> {
     [vec![verdicts(report)], machine(report), exceptions(report)].concat()
 }
 
-/// What is missing in the record, why the flight was lost, and what a process that died said last.
+/// Gaps of the record, the cause of a loss, and the last messages of a process that died.
 pub(crate) fn exceptions(report: &Report) -> Vec<Block> {
     let missing = sentences::warnings(report).into_iter();
     let mut blocks: Vec<Block> = missing.map(Block::Warning).collect();
@@ -719,14 +719,18 @@ fn tracking(report: &Report) -> Vec<Block> {
     blocks
 }
 
-/// The legend of vertical lines in charts.
-pub(crate) fn marks(report: &Report) -> Block {
-    let swap = match report.faults.iter().any(InjectedFault::acted) {
+/// The legend of the lines at parameter changes, which faults share.
+pub(crate) fn change_mark(faults: &[InjectedFault]) -> &'static str {
+    match faults.iter().any(InjectedFault::acted) {
         false => "parameter change",
         true => "parameter change, fault",
-    };
+    }
+}
+
+/// The legend of vertical lines in charts.
+pub(crate) fn marks(report: &Report) -> Block {
     let legend = [
-        ("mark swap", swap),
+        ("mark swap", change_mark(&report.faults)),
         ("mark missed", "missed deadline"),
         ("mark handover", "handover"),
     ];

@@ -3,6 +3,7 @@
 //! It shows path, height, position error and estimates, of a law without estimates the attitude, and marks the swaps.
 
 use crate::figures::{ANGLES, Figures, SYMBOLS};
+use crate::flight::change_mark;
 use crate::plot::{Chart, STYLE, WIDTH};
 use maud::{Markup, PreEscaped, html};
 
@@ -33,10 +34,7 @@ pub fn render(figures: &Figures<'_>, title: &str) -> String {
         };
         place(1, title, figure.chart)
     }));
-    let swap = match figures.acting().next() {
-        None => "parameter change",
-        Some(_) => "parameter change, fault",
-    };
+    let swap = change_mark(figures.faults);
     let [flown, reference] = match has_estimates {
         true => ["flown, estimated", "reference, true"],
         false => ["flown", "reference"],

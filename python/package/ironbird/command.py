@@ -166,7 +166,15 @@ def _settings(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, 
             yield from _settings(value, f"{path}{key}.")
         else:
             value = _plain(value)
-            yield f"{path}{key}", value if isinstance(value, str) else json.dumps(value, default=_plain)
+            yield f"{path}{key}", value if isinstance(value, str) else json.dumps(value, default=_encoded)
+
+
+def _encoded(value: Any) -> Any:
+    """A value inside a list, which JSON does not know."""
+    plain = _plain(value)
+    if plain is value:
+        raise TypeError(f"expected a text, a number, a list or a mapping, not {type(value).__name__}")
+    return plain
 
 
 def _plain(value: Any) -> Any:

@@ -229,11 +229,13 @@ pub fn of_toml(message: &str) -> &str {
 }
 
 fn is_of_large_number(message: &str) -> bool {
-    let is_of_type = |integer| message.contains(integer);
-    ["` as i128", "` as u128", "invalid value: integer `"]
-        .iter()
-        .any(is_of_type)
-        || message.ends_with("value was too large")
+    let parts = [
+        "` as i128",
+        "` as u128",
+        "invalid value: integer `",
+        "value was too large",
+    ];
+    parts.iter().any(|part| message.contains(part))
 }
 
 /// A mistake that a TOML parser found at a place in a text: the line, what it says, and the message.
@@ -241,10 +243,15 @@ pub fn toml_mistake(text: &str, message: &str, span: Option<Range<usize>>) -> St
     const LONGEST: usize = 60;
     let line = line_of(text, span.unwrap_or_default().start);
     let source = text.lines().nth(line - 1).unwrap_or_default().trim();
-    let what = of_toml(message).trim_end().replace('\n', ", ");
-    let what = what
-        .replace("unknown field", "unknown key")
-        .replace("missing field", "missing key");
+    let mut what = of_toml(message).trim_end().replace('\n', ", ");
+    for (term, plain) in [
+        ("unknown field", "unknown key"),
+        ("missing field", "missing key"),
+        ("expected f64", "expected a number"),
+        ("expected a map", "expected a section"),
+    ] {
+        what = what.replace(term, plain);
+    }
     match source.len() {
         1..=LONGEST => format!("line {line}, `{source}`: {what}"),
         _ => format!("line {line}: {what}"),

@@ -33,7 +33,7 @@ fn assert_incompatible<T>(result: Result<T, Error>, what: &str) {
     assert_eq!(error.exit_code(), 5);
 }
 
-/// What is in use already, or by as many as it has places, is refused by name.
+/// Names of topics and services that are in use, or have no place left, are refused.
 fn assert_taken<T>(result: Result<T, Error>, what: &str) {
     let error = result.map(drop).unwrap_err();
     assert!(matches!(error, Error::Wire { .. }), "{error}");

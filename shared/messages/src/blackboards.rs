@@ -125,6 +125,11 @@ impl Run {
         }
     }
 
+    /// The newest tick; 0 before the first has begun.
+    pub const fn present_tick(&self) -> u64 {
+        if self.tick == NO_TICK { 0 } else { self.tick }
+    }
+
     /// Time of the flight at which a tick begins [s].
     pub fn flight_time_s(&self, tick: u64) -> f64 {
         tick.saturating_mul(self.sample_time_ns) as f64 / 1e9

@@ -185,7 +185,7 @@ fn preset(
         "values",
     )?;
     let values = values.iter().zip(settings).map(|(it, (_, kind))| {
-        // What a setting of its kind does not use may be anything, and NaN is no JSON.
+        // Numbers that a setting of its kind does not use may be anything, and NaN is no JSON.
         let used = match kind {
             Kind::Number(..) => 1,
             Kind::Three(..) => 3,

@@ -534,8 +534,7 @@ impl Vehicle {
         let patience_ticks = (PATIENCE_S / flight.run.flight_time_s(1)).round() as u64;
         let target = flight.state.map(|it| it.target.kind);
         let holds = target == Some(TargetKind::Hold as u64);
-        let is_over =
-            |since: &mut u64| holds && flight.tick() > since.saturating_add(2 * patience_ticks);
+        let is_over = |since: &mut u64| holds && flight.tick() > *since + 2 * patience_ticks;
         if self.offboard_since.take_if(is_over).is_some() {
             let why = format!("no setpoint for {PATIENCE_S} s: the vehicle holds its position");
             self.refuse(&why);

@@ -129,8 +129,6 @@ fn sys_status(flight: &WatchedFlight, _: u32) -> Option<MavMessage> {
 }
 
 fn system_time(flight: &WatchedFlight, _: u32) -> Option<MavMessage> {
-    // Before the first tick, the flight has no time.
-    flight.state.as_ref()?;
     let run = &flight.run;
     // In lockstep, the flight has no clock.
     let since_start_ns = flight.tick().saturating_mul(run.period_ns);

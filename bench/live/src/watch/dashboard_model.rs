@@ -386,11 +386,11 @@ impl WatchedFlight {
         self.lost_before + self.statistics.lost().iter().sum::<u64>()
     }
 
-    /// Tick of the newest state; that of the plant's blackboard before the first.
+    /// Tick of the newest state; that of the plant's blackboard before the first state.
     pub fn tick(&self) -> u64 {
         match self.state {
             Some(_) => self.statistics.newest_tick(),
-            None => self.run.tick,
+            None => self.run.present_tick(),
         }
     }
 

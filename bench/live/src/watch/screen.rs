@@ -14,7 +14,6 @@ mod pages;
 mod region;
 
 use messages::blackboards::EndReason;
-use messages::content::NO_TICK;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Margin, Rect};
 use ratatui::style::{Color, Style};
@@ -76,10 +75,8 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
                 add(format!("ended: {}", ending.name()), style);
             }
         }
-        if tick != NO_TICK {
-            let [now_s, last_s] = [tick, run.last_tick].map(|tick| run.flight_time_s(tick));
-            add(format!("{now_s:.1} of {last_s:.1} s"), PLAIN);
-        }
+        let [now_s, last_s] = [tick, run.last_tick].map(|tick| run.flight_time_s(tick));
+        add(format!("{now_s:.1} of {last_s:.1} s"), PLAIN);
         if model.is_flying() && !flight.recorder_lives {
             add("no recorder: no news".into(), BAD);
         }
@@ -88,9 +85,7 @@ fn header_line(model: &Model, width: u16) -> Line<'_> {
             let style = if count == 0 { PLAIN } else { BAD };
             add(format!("{name} {count}"), style);
         }
-        if tick != NO_TICK {
-            add(format!("tick {tick}"), FAINT);
-        }
+        add(format!("tick {tick}"), FAINT);
         let flown = &flight.settings.flight;
         let (trajectory, preset) = (&flown.trajectory, &flown.preset);
         add(format!("{trajectory}, gains {preset}"), FAINT);
