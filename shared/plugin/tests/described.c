@@ -35,7 +35,7 @@
 #define WORDS "slow", "quick"
 #endif
 #ifndef SOFT
-#define SOFT {{.number = {1}}, {.number = {4, 5, 6}}, {.word = 1}}
+#define SOFT {{.number = {1, 0.0 / 0.0, 0.0 / 0.0}}, {.number = {4, 5, 6}}, {.word = 1}}
 #endif
 #ifndef SIGNAL
 #define SIGNAL {"error_m", "m"}

@@ -137,6 +137,7 @@ const REFUSED: &[(&str, &str)] = &[
     (r#"WORDS="a b""#, "its setting 2, `mode`: its word is `a b`: expected letters, digits"),
     ("WORDS=NULL", "its setting 2, `mode`: its word is missing"),
     ("SOFT={{.number={10}},{.number={1,1,1}},{.word=1}}", "its preset 0, `soft`: its gain_1_s is Number(10.0)"),
+    ("SOFT={{.number={0.0/0.0}},{.number={1,1,1}},{.word=1}}", "its preset 0, `soft`: its gain_1_s is Number(NaN)"),
     ("SOFT={{.number={1}},{.number={1,1,1}},{.word=2}}", r#"its preset 0, `soft`: its mode is Word("")"#),
     (r#"SIGNAL={"speed_m_s",NULL}"#, "it has the signal `speed_m_s` twice"),
     (r#"SIGNAL={"tick",NULL}"#, "it has the signal `tick`, which is the rig's own"),
