@@ -183,6 +183,10 @@ impl SettingParser {
                         whole(min as i64..=max as i64)
                     }
                     Allowed::Range(min, max) => values::number(min..=max)(text).map(Value::from),
+                    Allowed::Counts(_) => text
+                        .parse::<i64>()
+                        .map(Value::from)
+                        .map_err(|_| format!("write one of {}", self.setting.allowed_text())),
                     _ if is_whole(self.setting) => whole(0..=i64::MAX),
                     _ if self.setting.default.starts_with('"') => Ok(Value::from(text)),
                     // Of a wrong type, it is refused with the example of the default.
