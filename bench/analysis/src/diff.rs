@@ -276,19 +276,24 @@ fn builds(a: &[ComparedRun], b: &[ComparedRun]) -> &'static str {
 fn paired(a: &[ComparedRun], b: &[ComparedRun]) -> Vec<(Subject, FigureDiff)> {
     let of = |run: &ComparedRun| figures(&run.report);
     let [of_a, of_b] = [a, b].map(|group| group.iter().map(of).collect::<Vec<_>>());
-    let values = |group: &[Vec<Figure>], name: &str| -> Option<Vec<Option<f64>>> {
-        let of = |all: &Vec<Figure>| Some(all.iter().find(|figure| figure.1 == name)?.2);
+    let values = |group: &[Vec<Figure>], name: &str| {
+        let of = |all: &Vec<Figure>| all.iter().find(|figure| figure.1 == name)?.2;
         group.iter().map(of).collect()
     };
-    let pair = |(subject, name, _): &Figure| {
-        let (a, b) = (values(&of_a, name)?, values(&of_b, name)?);
-        Some((*subject, FigureDiff::of(name, a, b)))
+    // A figure that some flight lacks has too few values.
+    let mut names: Vec<(Subject, &str)> = Vec::new();
+    for (subject, name, _) in of_a.iter().chain(&of_b).flatten() {
+        if !names.iter().any(|(_, known)| known == name) {
+            names.push((*subject, name));
+        }
+    }
+    let pair = |(subject, name)| {
+        (
+            subject,
+            FigureDiff::of(name, values(&of_a, name), values(&of_b, name)),
+        )
     };
-    of_a.first()
-        .into_iter()
-        .flatten()
-        .filter_map(pair)
-        .collect()
+    names.into_iter().map(pair).collect()
 }
 
 impl FigureDiff {

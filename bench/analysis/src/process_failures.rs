@@ -97,6 +97,7 @@ pub fn note(report: &mut Report, noted: &[ObservedFailure], pace: &Pace) {
         let within = report.deaths.iter().find(covers).map(|death| death.tick);
         report.deaths.push(ProcessFailure {
             role: it.role.clone(),
+            epoch: it.epoch,
             tick,
             time_s: tick as f64 * period_s,
             how: it.how.clone(),
@@ -208,6 +209,7 @@ mod tests {
 
     use super::*;
     use crate::sample::good;
+    use crate::schema::RedundancySection;
 
     #[test]
     fn the_phases_of_a_recovery_follow_each_other() {
@@ -323,6 +325,13 @@ mod tests {
         });
         note(&mut report, &noted, &Pace::Lockstep);
         assert_eq!((report.deaths.len(), number(&report)), (DEATHS_KEPT, 600));
+        // With several channels the rows are the supervisor's.
+        (report.deaths, report.redundancy) = (Vec::new(), Some(RedundancySection::default()));
+        note(&mut report, &noted, &Pace::Lockstep);
+        assert_eq!(
+            report.deaths.iter().map(|it| it.epoch).collect::<Vec<_>>(),
+            [1, 550, 0]
+        );
     }
 
     #[test]

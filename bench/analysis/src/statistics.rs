@@ -295,7 +295,9 @@ pub fn mean_interval(values: impl Iterator<Item = f64>) -> Option<Mean> {
         count,
         mean: mean_and_error(&values).0,
         differing,
-        interval: (differing >= DIFFERING_LEAST).then(|| bootstrap_t(&values)),
+        interval: (differing >= DIFFERING_LEAST)
+            .then(|| bootstrap_t(values))
+            .flatten(),
     })
 }
 
@@ -307,13 +309,21 @@ fn most_frequent(values: &[f64]) -> u64 {
     alike.max().unwrap_or(0) as u64
 }
 
-/// The interval of the mean of values that are not all alike.
-fn bootstrap_t(values: &[f64]) -> Interval {
+/// The interval of the mean of values that are not all alike; none if they are alike block by block.
+fn bootstrap_t(mut values: Vec<f64>) -> Option<Interval> {
+    let mut random = Rng::with_seed(1);
     let blocks = values.len().min(BLOCKS);
+    if blocks < values.len() {
+        // What repeats from value to value, as factors on a grid do, does not repeat from block to block.
+        random.shuffle(&mut values);
+    }
     let cut = |block: usize| block * values.len() / blocks;
     let block = |block: usize| mean_and_error(&values[cut(block)..cut(block + 1)]).0;
     let blocked: Vec<f64> = (0..blocks).map(block).collect();
     let (mean, error) = mean_and_error(&blocked);
+    if error == 0.0 {
+        return None;
+    }
     let mut drawn = vec![0.0; blocks];
     let mut distance = |random: &mut Rng| {
         loop {
@@ -325,15 +335,14 @@ fn bootstrap_t(values: &[f64]) -> Interval {
             }
         }
     };
-    let mut random = Rng::with_seed(1);
     let distances = (0..MEAN_RESAMPLINGS).map(|_| distance(&mut random));
     let mut distances: Vec<f64> = distances.collect();
     distances.sort_unstable_by(f64::total_cmp);
     let (low, high) = (BEYOND_MEAN, MEAN_RESAMPLINGS - 1 - BEYOND_MEAN);
-    Interval::new(
+    Some(Interval::new(
         mean - distances[high] * error,
         mean - distances[low] * error,
-    )
+    ))
 }
 
 /// The mean of some values and its standard error.
@@ -537,6 +546,10 @@ mod tests {
         let found = mean_interval((0..200_000).map(|_| random.f64())).unwrap();
         let width = found.interval.unwrap().width() / (2.0 * 2.24 / (12.0 * 200_000_f64).sqrt());
         assert!((0.9..1.1).contains(&width) && (found.mean - 0.5).abs() < 3e-3);
+        // Values that repeat block by block are drawn like any others.
+        let found = mean_interval((0..4000).map(|i| f64::from(i % 2))).unwrap();
+        let width = found.interval.unwrap().width() / (2.0 * 2.24 * 0.5 / 4000_f64.sqrt());
+        assert!((0.9..1.1).contains(&width), "{width}");
         assert_eq!(mean_interval([1.0; 9].into_iter()), None);
         for (ones, differing) in [(10, 0), (0, 0), (5, 5), (9, 1)] {
             let values = (0..10).map(|i| f64::from(u8::from(i < ones)));
@@ -574,7 +587,8 @@ mod tests {
                     let runs = (0..RUNS).map(|_| {
                         let values: Vec<f64> = (0..count).map(|_| value()).collect();
                         let differing = count as u64 - most_frequent(&values);
-                        let holds = || contains(bootstrap_t(&values), not_zero * mean);
+                        let holds =
+                            || contains(bootstrap_t(values.clone()).unwrap(), not_zero * mean);
                         (differing, differing > 1 && holds())
                     });
                     let runs: Vec<(u64, bool)> = runs.collect();

@@ -180,10 +180,10 @@ pub fn stability_verdict(theorem: &Theorem) -> Explained<StabilityVerdict> {
     } else if theorem.holds && theorem.steps_adapted == 0 {
         let why = "no estimate moved: adaptation is off, or its bounds pin it";
         (NotApplicable, why.into())
-    } else if theorem.holds && theorem.ticks_unwatched > 0 {
-        (PartlyWatched, counts)
     } else if theorem.holds && theorem.is_hardly_judged() {
         (NotJudged, format!("{counts}; {}", theorem.torque()))
+    } else if theorem.holds && theorem.ticks_unwatched > 0 {
+        (PartlyWatched, counts)
     } else if theorem.holds {
         // (22) is proven without delay alone: how small e becomes is no part of the verdict.
         let (torque, e) = (theorem.torque(), theorem.rate_error_rms_rad_s);
@@ -233,7 +233,7 @@ mod tests {
     type Change = (usize, &'static str, fn(&mut Report));
 
     /// Place of a verdict, its word, and a change of a good flight that has no consequence for the other two.
-    const CHANGES: [Change; 33] = [
+    const CHANGES: [Change; 34] = [
         (0, "tracked", |it| yaw(it, 0.2)),
         (0, "tracked", |it| it.flight.recent_error_max_m = 0.1),
         (0, "tracked", |it| it.flight.position_error_max_m = 3.0),
@@ -259,6 +259,9 @@ mod tests {
         (1, "in time", |it| periods(it, 333.3333, 333.333)),
         (1, "in time", |it| it.steal.percent = 1.0),
         (2, "not judged", |it| it.theorem.ticks_checked = 0),
+        (2, "not judged", |it| {
+            (it.theorem.ticks_judged, it.theorem.ticks_unwatched) = (0, 1)
+        }),
         (2, "not applicable", |it| it.theorem.steps_adapted = 0),
         (2, "not applicable", |it| {
             it.theorem.law_without = Some("pid".into())

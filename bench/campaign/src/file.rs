@@ -128,29 +128,36 @@ fn is_name(name: &str) -> bool {
     (1..=64).contains(&name.len()) && name.chars().all(is_allowed)
 }
 
-/// Keys of the settings, whether they are written `"inner.law" = ..` or `inner.law = ..`: section, key, value.
-fn flat(keys: &Table) -> Vec<(String, String, Value)> {
-    let mut all = BTreeMap::new();
-    for (name, value) in keys {
-        let (section, key) = name.split_once('.').unwrap_or((name, ""));
-        match value {
-            Value::Table(inner) if !name.contains('.') => {
-                let inner = inner.iter();
-                all.extend(inner.map(|(key, value)| ((section, key.as_str()), value)));
-            }
-            value => drop(all.insert((section, key), value)),
-        }
-    }
-    let owned = |((section, key), value): ((&str, &str), &Value)| {
-        (section.to_owned(), key.to_owned(), value.clone())
-    };
-    all.into_iter().map(owned).collect()
-}
-
 impl Reader {
     fn mistake(&mut self, path: &str, mistake: impl Into<String>) {
         let line = self.lines.of_key(path);
         self.mistakes.push((line, mistake.into()));
+    }
+
+    /// Keys of the settings, whether they are written `"inner.law" = ..` or `inner.law = ..`: section, key, value. One that
+    /// is written in both ways is a mistake, which is noted.
+    fn flat(&mut self, path: &str, keys: &Table) -> Vec<(String, String, Value)> {
+        let mut all = BTreeMap::new();
+        for (name, value) in keys {
+            let (section, key) = name.split_once('.').unwrap_or((name, ""));
+            let inner = value.as_table().filter(|_| !name.contains('.'));
+            let inner = inner.map(|it| {
+                it.iter()
+                    .map(|(key, value)| (key.as_str(), value))
+                    .collect()
+            });
+            for (key, value) in inner.unwrap_or_else(|| vec![(key, value)]) {
+                let place = (section.to_owned(), key.to_owned());
+                if all.insert(place, value.clone()).is_some() {
+                    let what = format!(
+                        "`{section}.{key}` is given twice: as \"{section}.{key}\" and in a section"
+                    );
+                    self.mistake(path, what);
+                }
+            }
+        }
+        let key = |((section, key), value)| (section, key, value);
+        all.into_iter().map(key).collect()
     }
 
     /// The value; none where it is a mistake, which is noted.
@@ -180,7 +187,7 @@ impl Reader {
         let chunk = self.whole(&own, "campaign.chunk", 1..=CHUNK_MAX);
         let mut base = given.clone();
         base.retain(|section, _| !OWN.contains(&section));
-        for (section, key, _) in flat(&base) {
+        for (section, key, _) in self.flat("", &base) {
             let name = format!("{section}.{key}");
             self.check_effect(&name, &name);
         }
@@ -395,7 +402,7 @@ impl Reader {
             };
             let timing = self.recorded(&keys, &format!("{path}.{TIMING}"), factors);
             keys.remove(TIMING);
-            let settings = flat(&keys);
+            let settings = self.flat(&path, &keys);
             for (section, key, _) in &settings {
                 let full = format!("{section}.{key}");
                 if key.is_empty() {
@@ -475,7 +482,7 @@ impl Reader {
             return Vec::new();
         };
         let mut gates = Vec::new();
-        for (name, signal, value) in flat(keys) {
+        for (name, signal, value) in self.flat("success.telemetry", keys) {
             let role = LAW_ROLES.into_iter().find(|role| role.name() == name);
             let range = range(&value).filter(|[low, high]| low <= high);
             match (role, signal.is_empty(), range) {

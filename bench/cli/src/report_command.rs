@@ -16,7 +16,7 @@ use errors::{Failure, OK, check_outputs, write_text};
 use experiments::margin::table::look_again;
 use flight_log::wall_time::utc;
 use recorder::hlog;
-use recorder::run_directory::{FACTS, find, log_files};
+use recorder::run_directory::{FACTS, LATEST, find, log_files};
 use render::document::Document;
 use render::{brief, diff, flight, junit, page, sentences};
 use serde::Serialize;
@@ -86,7 +86,11 @@ fn brief(report: &Report, directory: &Path) -> String {
     let page = Some(directory.join("report.html")).filter(|page| page.is_file());
     let log = log_files(directory).into_iter().next();
     let [page, log] = [page, log].map(|path| path.map(|path| path.display().to_string()));
-    brief::render(report, &brief::Left { page, log })
+    let path = |run: &Path| run.canonicalize().ok();
+    let latest = find(Path::new(LATEST), None).ok();
+    let is_latest = latest.is_some_and(|latest| path(&latest) == path(directory));
+    let run = (!is_latest).then(|| directory.display().to_string());
+    brief::render(report, &brief::Left { page, log, run })
 }
 
 /// What `fly` prints at the end: the summary and the RESULT line.

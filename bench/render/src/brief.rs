@@ -18,7 +18,7 @@ const LINES: usize = 3;
 /// A space at which no line is broken.
 const UNBROKEN: &str = "\u{a0}";
 /// Last line of what there is no room for.
-const MORE: &str = "          ... the rest: ironbird report --full";
+const MORE: &str = "          ... the rest is in the whole report";
 /// The latencies that say how the loop did: those of the whole, then of each step.
 const SERIES: [&str; 6] = [
     "loop",
@@ -34,13 +34,16 @@ const SERIES: [&str; 6] = [
 pub struct Left {
     pub page: Option<String>,
     pub log: Option<String>,
+    /// The flight's directory, unless it is the latest one, which commands mean by themselves.
+    pub run: Option<String>,
 }
 
 /// Renders the short report of a flight, with where the rest is.
 pub fn render(report: &Report, left: &Left) -> String {
     let in_lines = |all: Vec<String>| all.iter().flat_map(|it| lines(it)).collect::<Vec<_>>();
     let tail = [latencies(report), foot(left)].concat();
-    let (mut verdicts, mut details) = (in_lines(verdicts(report)), in_lines(details(report)));
+    let run = left.run.as_deref();
+    let (mut verdicts, mut details) = (in_lines(verdicts(report, run)), in_lines(details(report)));
     cut(&mut verdicts, HEIGHT - tail.len());
     cut(&mut details, HEIGHT - tail.len() - verdicts.len());
     [details, tail, verdicts].concat().join("\n") + "\n"
@@ -54,7 +57,7 @@ fn cut(lines: &mut Vec<String>, room: usize) {
     }
 }
 
-fn verdicts(report: &Report) -> Vec<String> {
+fn verdicts(report: &Report, run: Option<&str>) -> Vec<String> {
     let word = |(subject, word, why): (&str, String, &str)| {
         format!("{subject:<9} {}: {why}", word.to_uppercase())
     };
@@ -67,9 +70,8 @@ fn verdicts(report: &Report) -> Vec<String> {
     all.push(format!("Gates     {}", shared::acceptance(&report.verdict)));
     let failed = report.verdict.gates.iter().filter(|gate| !gate.held);
     all.extend(failed.map(|gate| format!("  {}", shared::gate(gate))));
-    let next = shared::next_steps(report).into_iter();
-    // A command stands in one line, from where it can be copied.
-    let next = next.map(|(command, _)| format!("`{}`", command.replace(' ', UNBROKEN)));
+    let next = shared::next_steps(report, run).into_iter();
+    let next = next.map(|(command, _)| format!("`{}`", unbroken(&command)));
     let next: Vec<String> = next.collect();
     all.extend((!next.is_empty()).then(|| format!("Next      {}", next.join(", "))));
     all
@@ -171,12 +173,21 @@ fn foot(left: &Left) -> Vec<String> {
     let path = |(what, path): (&str, &Option<String>)| {
         Some(format!("{what:<9} {}", shorten(path.as_ref()?)))
     };
-    let more = "More      ironbird report --full, or a part of it: --section NAME";
+    let report = shared::report_command(left.run.as_deref(), "--full");
+    let more = format!(
+        "More      ironbird{UNBROKEN}{}, or a part of it: --section NAME",
+        unbroken(&report)
+    );
     files
         .into_iter()
         .filter_map(path)
-        .chain([more.to_owned()])
+        .chain(lines(&more))
         .collect()
+}
+
+/// A command, which stands in one line, from where it can be copied.
+fn unbroken(command: &str) -> String {
+    command.replace(' ', UNBROKEN)
 }
 
 /// A path without its middle, where the line has no room for it: the line of the result has the whole directory.

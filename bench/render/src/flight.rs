@@ -242,7 +242,8 @@ pub fn pace(report: &Report) -> String {
         }
         speed => (speed.why_not_real_time()).map_or_else(String::new, |why| format!(", {why}")),
     };
-    format!("{}, T = {:.0} us{pace}", run_conditions(run), run.period_us)
+    let period_us = (run.period_us * 1e3).round() / 1e3;
+    format!("{}, T = {period_us} us{pace}", run_conditions(run))
 }
 
 /// Laws that flew, in words.

@@ -44,7 +44,7 @@ pub fn render(report: &Report) -> String {
     let failed = !verdict.status.is_good() && !run.in_flight;
     let mut lead = vec![flight::verdicts(report)];
     lead.extend(flight::exceptions(report));
-    let next = sentences::next_steps(report);
+    let next = sentences::next_steps(report, Some("RUN"));
     lead.extend((!next.is_empty()).then_some(Block::NextSteps(next)));
     if let Some(figures) = figures {
         lead.push(Block::Overview(figures.replay(), figures.overview()));

@@ -229,9 +229,12 @@ pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, String, &str); 3] {
 
 /// At most three commands after a flight that was lost, late or refused its rights, each with what it shows. The recorded
 /// causes decide: the machine is not suspected of what a fault, a law or the end of a process did.
-pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
+///
+/// `run` is the flight's directory; none if it is the latest one.
+pub fn next_steps(report: &Report, run: Option<&str>) -> Vec<(String, &'static str)> {
     let mut steps = Vec::new();
     let mut step = |command: &str, shows| steps.push((format!("ironbird {command}"), shows));
+    let section = |name| report_command(run, &format!("--section {name}"));
     let mut granted = report.roles.values().flat_map(|role| &role.realtime);
     let was_refused = granted.any(|step| step.refused.is_some());
     let (flight, timing) = (report.words.flight.word, report.words.timing.word);
@@ -250,10 +253,11 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
     let is_unexplained = worst.is_empty() || !worst.iter().all(is_explained);
     let is_disturbed = is_late && !is_aborted && is_unexplained;
     if (is_lost || is_late) && has_failed_law {
-        step("replay latest", "runs the laws again on their inputs");
+        let replay = format!("replay {}", run.unwrap_or("latest"));
+        step(&replay, "runs the laws again on their inputs");
     }
     if (is_lost || is_late) && has_lost_process {
-        step("report --section deaths", "says how each process ended");
+        step(&section("deaths"), "says how each process ended");
     }
     let loss = report.loss.as_ref();
     let is_lost_by_delays = loss.is_some_and(|it| it.without_delays.lost_at_s.is_none());
@@ -279,7 +283,7 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
         step("doctor", "names what disturbs the loops, and remedies");
     }
     if is_late && !is_aborted {
-        step("report --section outages", "lists the longest outages");
+        step(&section("outages"), "lists the longest outages");
     }
     if was_refused {
         step("fly --pace lockstep", "needs no clock and no rights");
@@ -288,6 +292,12 @@ pub fn next_steps(report: &Report) -> Vec<(String, &'static str)> {
     }
     steps.truncate(3);
     steps
+}
+
+/// The command, without `ironbird`, that prints the report of a flight in this directory, or of the latest one.
+pub fn report_command(run: Option<&str>, flags: &str) -> String {
+    let run = run.map_or_else(String::new, |run| format!(" {run}"));
+    format!("report{run} {flags}")
 }
 
 pub fn gate(gate: &Gate) -> String {

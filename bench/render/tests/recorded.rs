@@ -96,6 +96,7 @@ fn reports_are_their_snapshots() {
         let left = Left {
             page: Some("report.html".into()),
             log: None,
+            run: None,
         };
         let summary = brief::render(&report, &left) + &flight::result_line(&report, name);
         fs::write(written.path().join("brief.txt"), summary).unwrap();
@@ -139,15 +140,19 @@ fn a_flight_in_lockstep_ends_after_its_faults_and_not_when_the_clock_says() {
         ..report.swaps[0].clone()
     };
     report.swaps = [0.1, 0.2, 0.25].map(swap).into();
+    report.run.period_us = 312.5;
     let summary = brief::render(&report, &Left::default());
-    assert!(summary.contains("0.0297 at 0.250"), "{summary}");
+    for text in ["0.0297 at 0.250", "T = 312.5 us"] {
+        let summary = summary.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(summary.contains(text), "{summary}");
+    }
 }
 
 #[test]
 fn the_recorded_causes_decide_what_to_do_next() {
     let mut report = Report::read(&recorded("outages", "report.json")).unwrap();
     let next = |report: &Report| {
-        let steps = sentences::next_steps(report).into_iter();
+        let steps = sentences::next_steps(report, None).into_iter();
         steps.map(|(command, _)| command).collect::<Vec<_>>()
     };
     let deaths = "ironbird report --section deaths";
@@ -168,6 +173,21 @@ fn the_recorded_causes_decide_what_to_do_next() {
     report.verdict.status = FlightStatus::Aborted;
     report.autopsy.worst.clear();
     assert_eq!(next(&report), ["ironbird replay latest"]);
+    // Commands for another flight than the latest one name it.
+    let run = Some("elsewhere/7".to_owned());
+    let summary = brief::render(
+        &report,
+        &Left {
+            run,
+            ..Left::default()
+        },
+    );
+    for command in ["replay elsewhere/7", "report elsewhere/7 --full"] {
+        assert!(
+            summary.contains(&format!("ironbird {command}")),
+            "{summary}"
+        );
+    }
 }
 
 #[test]

@@ -58,12 +58,11 @@ pub(super) fn fly(args: &CampaignFlyArgs) -> Result<u8, Failure> {
     let mut flown = FlyArgs::default();
     flown.flight.course.config = Some(file);
     flown.rt.instance = args.instance.clone().unwrap_or_else(|| "default".into());
-    let code = cli::fly::fly(&flown)?;
-    if ![OK, GATE].contains(&code) {
+    let (code, directory) = cli::fly::flown(&flown)?;
+    let Some(directory) = directory.filter(|_| [OK, GATE].contains(&code)) else {
         return Ok(code);
-    }
-    let log = find_log(Path::new("latest"), Some(settings.recorder.out.as_ref()))?;
-    let flown = fly_again(&log, 0, false, &[])?;
+    };
+    let flown = fly_again(&find_log(&directory, None)?, 0, false, &[])?;
     compare(&flown.summary.outputs.to_string(), &row)
 }
 

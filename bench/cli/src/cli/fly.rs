@@ -1,7 +1,7 @@
 //! `ironbird fly`: checks the settings, has the flight supervised, completes and prints its report.
 
 use std::io::{self, IsTerminal as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -29,13 +29,20 @@ use supervisor::{self, FinishedFlight, FlightOptions, ServerProcess};
 use toml::Value;
 
 pub fn fly(args: &FlyArgs) -> Result<u8, Failure> {
+    flown(args).map(|(exit_code, _)| exit_code)
+}
+
+/// The exit code of a flight, and its directory if it flew.
+pub fn flown(args: &FlyArgs) -> Result<(u8, Option<PathBuf>), Failure> {
     let junit = args.junit.as_deref().filter(|_| !args.print_config);
     let states = args.recorder.states.as_deref();
     let flown = with_junit(&args.flight, (junit::FLY, junit), &[states], || {
         conduct(args)
     })?;
-    flown.map_or(Ok(OK), |(settings, requests, flight)| {
-        complete(args, &settings, requests, flight)
+    flown.map_or(Ok((OK, None)), |(settings, requests, flight)| {
+        let directory = flight.directory.path.clone();
+        let exit_code = complete(args, &settings, requests, flight)?;
+        Ok((exit_code, Some(directory)))
     })
 }
 

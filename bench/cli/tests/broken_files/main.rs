@@ -162,16 +162,12 @@ fn reports() {
     };
     try_parts("report", "report.json", &good, change::json, &|path| {
         let report = Report::read(path)?;
-        let left = Left {
-            page: None,
-            log: None,
-        };
         let page = page::render(&report);
         // With the data of the path, where there is one.
         let own = if report.traces.is_some() { 3 } else { 1 };
         assert_eq!(page.matches("<script").count(), own, "the page's own");
         let mut text = flight::text(&report)
-            + &brief::render(&report, &left)
+            + &brief::render(&report, &Left::default())
             + &flight::result_line(&report, "runs/x")
             + &page
             + &json::to_string(&report).unwrap();

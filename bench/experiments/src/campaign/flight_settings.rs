@@ -2,6 +2,7 @@
 //! and a copy of its file.
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::fs::{self, File};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -266,6 +267,14 @@ impl Facts {
             .map_err(|e| Failure::usage(format!("{}: {e}", path.display())).help(REPAIR))
     }
 
+    fn of_another_build(&self, place: &dyn Display) -> Failure {
+        let build = &self.build;
+        Failure::usage(format!(
+            "{place} was flown by the build {build}, for which its campaign means other settings than for this one"
+        ))
+        .help("read it with the build that flew it, or fly it again into another directory")
+    }
+
     /// Whether a recorded flight has changed since; `what` the directory has of it.
     fn check_recordings(&self, plan: &Plan, what: &str) -> Result<(), Failure> {
         let now = sums(&plan.timings);
@@ -301,6 +310,9 @@ fn open(plan: &Plan, directory: &Path) -> Result<(), Failure> {
     if facts.exists() {
         let (there, place) = (Facts::read(directory)?, directory.display());
         there.check_recordings(plan, &format!("{place} holds rows of"))?;
+        if there.campaign != plan.identity.campaign && there.build != plan.identity.build {
+            return Err(there.of_another_build(&place));
+        }
         if there.campaign != plan.identity.campaign {
             let mut factors = plan.campaign.factors.iter();
             let latin = factors.find(|it| matches!(it.distribution, Distribution::Latin { .. }));
@@ -358,19 +370,16 @@ pub fn plan_of(directory: &Path) -> Result<Plan, Failure> {
     let facts = Facts::read(directory)?;
     let (text, _) = read_copy(&directory.join(FILE))?;
     let plan = Plan::of(text, &facts.file)?;
-    let (place, build) = (directory.display(), &facts.build);
+    let place = directory.display();
     facts.check_recordings(&plan, &format!("{place} was flown with"))?;
-    if plan.identity.campaign != facts.campaign && *build == plan.identity.build {
+    if plan.identity.campaign != facts.campaign && facts.build == plan.identity.build {
         return Err(Failure::usage(format!(
             "{FILE} and {FACTS} of {place} are of different campaigns: one of them was changed"
         ))
         .help("run the campaign's file again into it: `ironbird campaign run FILE --out DIR`"));
     }
     if plan.identity.campaign != facts.campaign {
-        return Err(Failure::usage(format!(
-            "{place} was flown by the build {build}, for which its campaign means other settings than for this one"
-        ))
-        .help("read it with the build that flew it, or fly it again into another directory"));
+        return Err(facts.of_another_build(&place));
     }
     Ok(plan)
 }
