@@ -173,10 +173,14 @@ fn foot(left: &Left) -> Vec<String> {
     let path = |(what, path): (&str, &Option<String>)| {
         Some(format!("{what:<9} {}", shorten(path.as_ref()?)))
     };
-    let report = shared::report_command(left.run.as_deref(), "--full");
-    let more = format!(
-        "More      ironbird{UNBROKEN}{}, or a part of it: --section NAME",
-        unbroken(&report)
+    let more = left.run.as_ref().map_or(
+        "More      ironbird report --full, or a part of it: --section NAME".into(),
+        |run| {
+            format!(
+                "More      {}",
+                unbroken(&format!("ironbird report {run} --full"))
+            )
+        },
     );
     files
         .into_iter()

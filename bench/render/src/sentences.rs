@@ -234,7 +234,8 @@ pub fn verdicts(verdicts: &Verdicts) -> [(&'static str, String, &str); 3] {
 pub fn next_steps(report: &Report, run: Option<&str>) -> Vec<(String, &'static str)> {
     let mut steps = Vec::new();
     let mut step = |command: &str, shows| steps.push((format!("ironbird {command}"), shows));
-    let section = |name| report_command(run, &format!("--section {name}"));
+    let of_run = run.map_or_else(String::new, |run| format!(" {run}"));
+    let section = |name| format!("report{of_run} --section {name}");
     let mut granted = report.roles.values().flat_map(|role| &role.realtime);
     let was_refused = granted.any(|step| step.refused.is_some());
     let (flight, timing) = (report.words.flight.word, report.words.timing.word);
@@ -292,12 +293,6 @@ pub fn next_steps(report: &Report, run: Option<&str>) -> Vec<(String, &'static s
     }
     steps.truncate(3);
     steps
-}
-
-/// The command, without `ironbird`, that prints the report of a flight in this directory, or of the latest one.
-pub fn report_command(run: Option<&str>, flags: &str) -> String {
-    let run = run.map_or_else(String::new, |run| format!(" {run}"));
-    format!("report{run} {flags}")
 }
 
 pub fn gate(gate: &Gate) -> String {
