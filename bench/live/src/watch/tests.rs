@@ -403,7 +403,8 @@ fn wrenches_that_the_recorder_could_not_judge_are_in_the_verdict() {
     shows(&model, "theorem not judged");
     let recorder = flight(&mut model).statuses.get_mut(&Role::Record.into());
     recorder.unwrap().wrenches_unwatched = 7;
-    shows(&model, "theorem partly watched");
+    // A wrench that was not watched is no evidence for those of which nothing was judged.
+    shows(&model, "theorem not judged");
     let (verdicts, _) = flight(&mut model).verdicts();
     let why = &verdicts.theorem.why;
     assert!(why.contains("of 1207 ticks, 7 not watched"), "{why}");
